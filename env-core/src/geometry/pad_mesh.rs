@@ -336,6 +336,8 @@ pub fn plan_shares([a, b, c]: &[Point3<f64>; 3], x: f64, y: f64) -> Option<[f64;
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
     use crate::geometry::examples::mini;
 
@@ -426,6 +428,27 @@ mod tests {
                 .sum();
             let plan = outline.width * outline.length;
             assert!((on_face / plan - 1.0).abs() < 1e-12, "{on_face} m² over {plan} m²");
+        }
+    }
+
+    #[test]
+    fn halves_add_the_middle_of_every_edge_and_keep_the_volume() {
+        for outline in outlines() {
+            let pad = PadMesh::with_nodes(&outline, 300).unwrap();
+            let (halved, mut ends) = (pad.halved(), pad.ends_of_halves());
+            ends.iter_mut().for_each(|ends| ends.sort_unstable());
+            let (same, other): (Vec<_>, Vec<_>) = ends.into_iter().partition(|[a, b]| a == b);
+            assert!(same.iter().map(|[a, _]| *a).eq(0..pad.mesh.vertices.len() as u32));
+            let pair =
+                |tet: &[u32; 4], i: usize, j: usize| [tet[i].min(tet[j]), tet[i].max(tet[j])];
+            let of_tet = |tet| (0..4).flat_map(move |j| (0..j).map(move |i| pair(tet, i, j)));
+            let edges: BTreeSet<_> = pad.mesh.tets.iter().flat_map(of_tet).collect();
+            assert_eq!(other.len(), edges.len());
+            assert_eq!(other.into_iter().collect::<BTreeSet<_>>(), edges);
+            let volumes = [&pad, &halved].map(|pad| pad.mesh.volume());
+            assert!((volumes[1] / volumes[0] - 1.0).abs() < 1e-12, "{volumes:?} m³");
+            let is_low = |&i: &u32| (halved.mesh.vertices[i as usize].z + 0.004).abs() < 1e-15;
+            assert!(halved.base.iter().all(is_low));
         }
     }
 

@@ -126,6 +126,20 @@ mod tests {
     use crate::geometry::examples::mini;
 
     #[test]
+    fn a_pad_contains_what_is_under_its_face_and_over_its_base() {
+        let outline = mini();
+        let [x, y] = [0.4 * outline.width, -0.3 * outline.length];
+        let top = outline.height(x, y);
+        let contains = |x: f64, y: f64, z: f64| outline.contains(&Point3::new(x, y, z));
+        assert!(top < -1e-5 && contains(x, y, top - 1e-9) && !contains(x, y, top + 1e-9));
+        assert!(contains(x, y, 1e-9 - outline.thickness));
+        assert!(!contains(x, y, -1e-9 - outline.thickness));
+        assert!(
+            !contains(0.6 * outline.width, y, -1e-3) && !contains(x, 0.6 * outline.length, -1e-3)
+        );
+    }
+
+    #[test]
     fn the_tilt_turns_upwards_to_the_normal_of_the_face() {
         const STEP: f64 = 1e-7;
         for outline in [mini(), PadOutline::flat(0.02525, 0.02075, 0.004)] {

@@ -28,8 +28,8 @@ pub struct LinearPad {
     stress: LinearStress,
 }
 
-/// Nodes of the finite elements from which the influence of the pad's sides is taken.
-const ELEMENTS: usize = 2000;
+/// Nodes of the mesh whose stress is that away from contact.
+const NODES: usize = 2000;
 
 impl LinearPad {
     /// Builds the model of the gel of `sensor`, with answers on a mesh of at most `nodes` nodes
@@ -43,7 +43,7 @@ impl LinearPad {
     ) -> Result<Self> {
         let pad = sensor.pad(nodes)?;
         let gel = PadMaterial { moduli, friction, thickness: sensor.outline.thickness };
-        let linear = LinearBaseline::new(sensor, &gel, ELEMENTS, &pad, resolution)?;
+        let linear = LinearBaseline::new(sensor, &gel, NODES, &pad, resolution)?;
         let body = body(&pad, moduli)?;
         let elements = Arc::new(Linearised::new(&body)?);
         let (linear, body, stress) = (Arc::new(linear), Arc::new(body), LinearStress::Resolved);

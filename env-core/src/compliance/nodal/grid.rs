@@ -147,11 +147,7 @@ impl CellGrid {
 
     /// Outward unit normal of the face at rest at the centre of a cell.
     pub(super) fn normal(&self, rank: u32) -> Vector3<f64> {
-        const STEP: f64 = 1e-6;
-        let (at, height) = (self.place(rank), |x, y| self.cells.first.outline.height(x, y));
-        let dx = height(at.x + STEP, at.y) - height(at.x - STEP, at.y);
-        let dy = height(at.x, at.y + STEP) - height(at.x, at.y - STEP);
-        Vector3::new(-dx, -dy, 2.0 * STEP).normalize()
+        self.tilt(rank).column(2).into()
     }
 
     /// Rotation from the frame of the layer under a cell, whose z axis is the normal of the face, to

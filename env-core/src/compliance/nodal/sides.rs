@@ -65,3 +65,49 @@ impl Sides {
         areas
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::Sensor;
+
+    #[test]
+    fn sides_are_the_pad_less_the_layer_that_turns_with_its_face() {
+        let outline = Sensor::named("gelsight-mini").unwrap().outline;
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let sides = Sides::new(&outline, moduli, 120).unwrap();
+        let pad = PadMesh::towards_sides(&outline, 120).unwrap();
+        let (layer, in_layer) = pad.as_layer(BEYOND * pad.thickness()).unwrap();
+        let (mesh, ends) = (pad.halved(), pad.ends_of_halves());
+        let elements = [&pad, &layer].map(|pad| {
+            let body = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
+            Linearised::of(&body, Element::P2).unwrap()
+        });
+        let place = |node: u32| {
+            let [a, b] = ends[node as usize];
+            let layer = [a, b].map(|vertex| in_layer[vertex as usize]);
+            [elements[0].node_between(a, b), elements[1].node_between(layer[0], layer[1])]
+        };
+        let solved = |i: usize, node: u32, force: Vector3<f64>| {
+            let mut forces = vec![Vector3::zeros(); elements[i].places().len()];
+            forces[place(node)[i] as usize] = force;
+            elements[i].displacement(&forces, &mut elements[i].workspace())
+        };
+        let tilt = |node: u32| {
+            let vertex = mesh.mesh.vertices[node as usize];
+            outline.tilt(vertex.x, vertex.y)
+        };
+        for &node in mesh.face.iter().step_by(5) {
+            let force = Vector3::new(1.0, -0.5, 0.3);
+            let by_pad = solved(0, node, force);
+            let by_layer = solved(1, node, tilt(node).tr_mul(&force));
+            let most = by_pad.iter().map(Vector3::norm).fold(0.0, f64::max);
+            for (other, found) in (0..).zip(sides.displacement(&[(node, force)])) {
+                let [own, flat] = place(other).map(|node| node as usize);
+                let right = by_pad[own] - tilt(other) * by_layer[flat];
+                // Rounding of solves for thousands of unknowns, in nearly incompressible gel.
+                assert!((found - right).norm() < 1e-8 * most, "{found} m instead of {right} m");
+            }
+        }
+    }
+}
