@@ -176,6 +176,7 @@ impl PadMesh {
 
     /// The same pad with the middles of all edges as nodes, too: two cells in the place of one along
     /// each axis, with the same polyhedron as its surface.
+    #[must_use]
     pub fn halved(&self) -> Self {
         let middle = |[a, b]: [u32; 2]| {
             nalgebra::center(&self.mesh.vertices[a as usize], &self.mesh.vertices[b as usize])
@@ -436,7 +437,9 @@ mod tests {
         for outline in outlines() {
             let pad = PadMesh::with_nodes(&outline, 300).unwrap();
             let (halved, mut ends) = (pad.halved(), pad.ends_of_halves());
-            ends.iter_mut().for_each(|ends| ends.sort_unstable());
+            for ends in &mut ends {
+                ends.sort_unstable();
+            }
             let (same, other): (Vec<_>, Vec<_>) = ends.into_iter().partition(|[a, b]| a == b);
             assert!(same.iter().map(|[a, _]| *a).eq(0..pad.mesh.vertices.len() as u32));
             let pair =

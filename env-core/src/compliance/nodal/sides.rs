@@ -60,7 +60,9 @@ impl Sides {
         for corners in &self.mesh.face_triangles {
             let [a, b, c] = corners.map(|node| self.mesh.mesh.vertices[node as usize]);
             let third = (b - a).cross(&(c - a)).norm() / 6.0;
-            corners.iter().for_each(|&node| areas[node as usize] += third);
+            for &node in corners {
+                areas[node as usize] += third;
+            }
         }
         areas
     }
