@@ -8,9 +8,10 @@ use rayon::ThreadPoolBuilder;
 use ruffini_core::{
     Error, Result,
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
+    contact::is_engulfed,
     deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, FemOptions},
-    geometry::{Shape, TetMesh},
+    geometry::{PadMesh, Shape, TetMesh},
     sensor::Sensor,
     surrogate::LinearPad,
 };
@@ -179,13 +180,18 @@ fn mini(friction: f64) -> LinearPad {
 fn a_ball_just_under_a_curved_face_is_refused() {
     let sensor = Sensor::named("digit").unwrap();
     let pad = LinearPad::new(&sensor, GEL, 0.0, 1000, ContactResolution::FAST).unwrap();
-    let (radius, x, y) = (0.6 * MM, -2.914 * MM, -5.675 * MM);
+    // In the middle of the widest cell of the mesh.
+    let (radius, x, y) = (0.2 * MM, 9.0 * MM, 13.29 * MM);
     let at = |z: f64| vec![Isometry3::translation(x, y, sensor.outline.height(x, y) + z)];
     let first = |z: f64| {
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(z)]).unwrap();
         pad.solve_path(&press).pop().unwrap()
     };
-    let error = first(-radius - 0.06 * MM).unwrap_err();
+    let (under, ball) = (-1.04 * radius, Shape::Sphere { radius });
+    let mesh = PadMesh::with_nodes(&sensor.outline, 2000).unwrap().mesh;
+    let still = vec![Vector3::zeros(); mesh.vertices.len()];
+    assert!(!is_engulfed(&ball, &at(under)[0], &mesh, &still), "the mesh would tell, too");
+    let error = first(under).unwrap_err();
     assert!(error.to_string().contains("across its surface"), "{error}");
     let across = first(0.7 * radius).unwrap();
     assert!(across.wrench.force.z < 0.0, "{:?}", across.wrench);
