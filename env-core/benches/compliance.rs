@@ -1,6 +1,6 @@
 //! Time of a press of a ball into a gel pad by linear compliance, compared with finite elements.
 //!
-//! Goal: 0.5 ms per press on about 1,000 nodes, on one thread, without sweeps.
+//! Goal: 0.5 ms per press on about 1,000 nodes, on one thread, without corrections.
 
 #![allow(missing_docs)] // criterion's macros expand to undocumented functions
 
@@ -54,9 +54,9 @@ fn presses(criterion: &mut Criterion) {
         let nodes = body.mesh().vertices.len();
         let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
         let mut fem = Fem::new(body.clone(), options).expect("the options are valid");
-        let mut models = [0, 4].map(|sweeps| {
-            let options = ComplianceOptions { friction: FRICTION, sweeps };
-            (sweeps, Compliance::new(body.clone(), options).expect("the pad is bonded"))
+        let mut models = [0, 4].map(|corrections| {
+            let options = ComplianceOptions { friction: FRICTION, corrections };
+            (corrections, Compliance::new(body.clone(), options).expect("the pad is bonded"))
         });
         let mut begun = models[0].1.solve(&[pressed(0.5 * MM)]);
         let history = begun.remove(0).expect("a shallow press").history;
@@ -69,9 +69,9 @@ fn presses(criterion: &mut Criterion) {
         ];
         for (name, press) in presses_by_name {
             let id = |who: &str| BenchmarkId::new(format!("{nodes} nodes, {name}"), who);
-            for (sweeps, model) in &mut models {
+            for (corrections, model) in &mut models {
                 let presses = [press.clone()];
-                group.bench_function(id(&format!("{sweeps} sweeps")), |bencher| {
+                group.bench_function(id(&format!("{corrections} corrections")), |bencher| {
                     bencher.iter(|| black_box(model.solve(&presses)));
                 });
             }
@@ -108,7 +108,7 @@ fn objects() -> Vec<(&'static str, Shape, Isometry3<f64>)> {
 fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.sample_size(20);
-    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, corrections: 0 };
     let mut model = Compliance::new(gel_pad([14, 16, 3]), options).expect("the pad is bonded");
     for (object, shape, top) in objects() {
         let at = |x: f64, depth: f64| vec![Isometry3::translation(x, 0.0, -depth) * top];

@@ -46,7 +46,7 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
     case = {"answerer": answerer} | body(random, answerer) | drive(random)
     case["friction"] = 0.0 if random.random() < 0.3 else spread(random, 0.01, 5.0)
     if answerer == "compliance":
-        case["sweeps"] = int(random.choice([0, 0, 1, 3, 12]))
+        case["corrections"] = int(random.choice([0, 0, 1, 3, 12]))
     if answerer == NETWORK:
         if random.random() < 0.5:
             case["poisson"], case["friction"] = random.uniform([0.45, 0.4], [0.49, 1.0]).tolist()
@@ -83,7 +83,7 @@ def draw_buried(random: np.random.Generator, answerer: str) -> dict:
     }
     if answerer == "fem":
         case["element"] = str(random.choice(["p1", "p1-bar"]))
-    return case | {"sweeps": 0, "free": False, "long way": "lowered"}
+    return case | {"corrections": 0, "free": False, "long way": "lowered"}
 
 
 def body(random: np.random.Generator, answerer: str) -> dict:

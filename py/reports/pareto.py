@@ -253,7 +253,7 @@ one thread, median over presses. Bold: on the front of displacement.
 *Fem* is finite elements: linear (p1), linear and free of locking (p1-bar) or quadratic (p2), with
 about how many nodes, and the force that may be out of balance (0.1 µN if not said). *Compliance* is
 linear elasticity with contact at points of the mesh, or *at nodes*, of 2,000 nodes if not said; a
-*sweep* is a correction towards finite elements. The *paper's* networks are those of DefGraspNets
+*correction* is one towards finite elements. The *paper's* networks are those of DefGraspNets
 ([page](paper.md)), the *bonded layer* a closed form of the force under a ball.
 
 Presses: *held-out* are grasps of objects of families on which the paper's networks were not
@@ -432,11 +432,13 @@ SERIES = {
     "linear answer, by nodes": Series(
         "o", "#90cdf4", {"compliance 1000": "1000", "compliance": ""}
     ),
-    "linear answer, by sweeps": Series(
+    "linear answer, by corrections": Series(
         "o",
         BLUE,
-        {"compliance": "0", "compliance, 1 sweep": "1"}
-        | {f"compliance, {sweeps} sweeps": f"{sweeps}" for sweeps in (3, 6, 12)},
+        {"compliance": "0", "compliance, 1 correction": "1"}
+        | {
+            f"compliance, {corrections} corrections": f"{corrections}" for corrections in (3, 6, 12)
+        },
     ),
     "linear answer without friction": Series("s", BLUE, {"compliance, no friction": ""}),
     "linear answer at nodes": Series("D", BLUE, {"compliance at nodes": ""}),

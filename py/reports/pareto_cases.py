@@ -73,13 +73,15 @@ class Answerer:
     """Weights that have to be trained first."""
 
 
-def compliance(nodes: int, sweeps: int = 0, rough: bool = True, **contact: str) -> Answerer:
+def compliance(nodes: int, corrections: int = 0, rough: bool = True, **contact: str) -> Answerer:
     """Linear elasticity condensed to the surface."""
-    arguments = (f", sweeps={sweeps}" if sweeps else "") + ("" if rough else ", friction=0")
+    arguments = (f", corrections={corrections}" if corrections else "") + (
+        "" if rough else ", friction=0"
+    )
     arguments += "".join(f', {name}="{what}"' for name, what in contact.items())
     return Answerer(
         lambda gel: Compliance(
-            gel.body(nodes), gel.friction if rough else 0.0, sweeps=sweeps, **contact
+            gel.body(nodes), gel.friction if rough else 0.0, corrections=corrections, **contact
         ),
         "compliance",
         f"Compliance(sensor(…, resolution={nodes}){arguments})",
@@ -119,8 +121,11 @@ ANSWERERS: dict[str, Answerer] = {
     "compliance 1000": compliance(1000),
     "compliance": compliance(2000),
     "compliance at nodes": compliance(2000, contact="nodes"),
-    "compliance, 1 sweep": compliance(2000, 1),
-    **{f"compliance, {sweeps} sweeps": compliance(2000, sweeps) for sweeps in (3, 6, 12)},
+    "compliance, 1 correction": compliance(2000, 1),
+    **{
+        f"compliance, {corrections} corrections": compliance(2000, corrections)
+        for corrections in (3, 6, 12)
+    },
     "linear, on cells": Answerer(lambda gel: LinearPad(**vars(gel)), "compliance", "LinearPad()"),
     "network": Answerer(lambda gel: Surrogate(**vars(gel)), "network", "Surrogate()", PADS),
     "network, by Candle": Answerer(

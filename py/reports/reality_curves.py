@@ -11,7 +11,7 @@ from scipy.stats import binom
 
 from engine import ROOT, Rows, made, run, table, text
 from ruffini import Shape
-from ruffini.commands.fitting import GRIDS, RANGES, Curve, Gel, Problem, Table, read_curve
+from ruffini.commands.fitting import GRIDS, RANGES, Curve, GelModel, Problem, Table, read_curve
 
 MADE_OF = [
     *("env-core", "py/src", "py/python/ruffini/commands/fitting.py"),
@@ -115,7 +115,7 @@ def solved(
 ) -> dict[str, Any]:
     """Force over Young's modulus (m²) along a path."""
     at = {"poisson": poisson, "friction": friction, "thickness": thickness}
-    return {"force": [0.0, *Gel(SENSOR, law, nodes).solve(BALL, DEPTHS[1:], at).tolist()]}
+    return {"force": [0.0, *GelModel(SENSOR, law, nodes).solve(BALL, DEPTHS[1:], at).tolist()]}
 
 
 def curve() -> Curve:

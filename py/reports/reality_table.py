@@ -9,7 +9,7 @@ import numpy as np
 
 from engine import Rows, made, run, table, text
 from reality_curves import BALL, LAW, SENSOR
-from ruffini.commands.fitting import GRIDS, Gel, Table
+from ruffini.commands.fitting import GRIDS, GelModel, Table
 
 MADE_OF = [
     *(f"env-core/src/{name}" for name in ("contact", "deformation", "fem")),
@@ -64,7 +64,7 @@ def midway(poisson: float, nodes: int) -> dict[str, Any]:
 
 def solved(poisson: float, nodes: int, depths: Any) -> Any:
     """Force over Young's modulus (m²) at increasing depths."""
-    return Gel(SENSOR, LAW, nodes).solve(BALL, depths, {**HELD, "poisson": poisson})
+    return GelModel(SENSOR, LAW, nodes).solve(BALL, depths, {**HELD, "poisson": poisson})
 
 
 SECTION = """### Forces between the points of a table

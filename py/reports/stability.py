@@ -45,7 +45,7 @@ AXES: dict[str, list[float]] = {
     "size": [5e-4, 1e-3, 2e-3, 4e-3, 8e-3],
 }
 """Bounds of the classes of a press's numbers."""
-NAMES = ("mesh", "law", "element", "shape", "kind", "sweeps")
+NAMES = ("mesh", "law", "element", "shape", "kind", "corrections")
 
 
 def options(parser: ArgumentParser) -> None:

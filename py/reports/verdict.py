@@ -92,7 +92,9 @@ def answerer(case: dict) -> Fem | Compliance | LinearPad | Surrogate:
     if case["answerer"] == "nodes":
         return Compliance(soft_body(case), friction=case["friction"], contact="nodes")
     if case["answerer"] == "compliance":
-        return Compliance(soft_body(case), friction=case["friction"], sweeps=case["sweeps"])
+        return Compliance(
+            soft_body(case), friction=case["friction"], corrections=case["corrections"]
+        )
     return Fem(soft_body(case), friction=case["friction"], element=case["element"])
 
 

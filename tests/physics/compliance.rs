@@ -47,7 +47,7 @@ fn fem(body: &SoftBody, friction: f64) -> Fem {
 }
 
 fn linear(body: &SoftBody, friction: f64) -> Compliance {
-    Compliance::new(body.clone(), ComplianceOptions { friction, sweeps: 0 }).unwrap()
+    Compliance::new(body.clone(), ComplianceOptions { friction, corrections: 0 }).unwrap()
 }
 
 fn ball() -> Shape {
@@ -148,35 +148,35 @@ fn what_linear_elasticity_misses_grows_with_the_depth() {
 }
 
 #[test]
-fn sweeps_lower_the_residual_down_to_the_answer_of_finite_elements() {
+fn corrections_lower_the_residual_down_to_the_answer_of_finite_elements() {
     let body = pad(Law::NeoHookean);
     let press = along(ball(), vec![at(0.0, 0.5 * MM)]);
     let exact = last(fem(&body, 0.5).solve_path(&press));
-    let swept: Vec<_> = (0..=12)
-        .map(|sweeps| {
-            let options = ComplianceOptions { friction: 0.5, sweeps };
+    let corrected: Vec<_> = (0..=12)
+        .map(|corrections| {
+            let options = ComplianceOptions { friction: 0.5, corrections };
             let model = Compliance::new(body.clone(), options).unwrap();
             let found = last(model.solve_path(&press));
             (found.residual, relative(&found.displacement, &exact.displacement))
         })
         .collect();
-    println!("residual (N) and error of u by sweeps: {swept:?}");
-    let falls = swept.windows(2).all(|pair| pair[1].0 <= pair[0].0);
-    assert!(falls, "residuals rise: {swept:?}");
-    let [none, four, twelve] = [0, 4, 12].map(|sweeps| swept[sweeps].1);
-    assert!(four < 0.05 * none, "after 4 sweeps off by {four:.1e}, without by {none:.1e}");
+    println!("residual (N) and error of u by corrections: {corrected:?}");
+    let falls = corrected.windows(2).all(|pair| pair[1].0 <= pair[0].0);
+    assert!(falls, "residuals rise: {corrected:?}");
+    let [none, four, twelve] = [0, 4, 12].map(|corrections| corrected[corrections].1);
+    assert!(four < 0.05 * none, "after 4 corrections off by {four:.1e}, without by {none:.1e}");
     // The residual of the finite elements is 1e-7 N, with forces of about 0.5 N.
-    assert!(twelve < 1e-5, "after 12 sweeps off by {twelve:.1e}");
+    assert!(twelve < 1e-5, "after 12 corrections off by {twelve:.1e}");
 }
 
 #[test]
-fn sweeps_along_a_sheared_path_keep_its_history() {
+fn corrections_along_a_sheared_path_keep_its_history() {
     let body = pad(Law::NeoHookean);
     let path = (1..=4).map(|i| at(0.0, 0.1 * MM * f64::from(i)));
     let path = path.chain((1..=4).map(|i| at(0.05 * MM * f64::from(i), 0.4 * MM))).collect();
     let press = along(ball(), path);
     let exact = last(fem(&body, 0.5).solve_path(&press));
-    let options = ComplianceOptions { friction: 0.5, sweeps: 12 };
+    let options = ComplianceOptions { friction: 0.5, corrections: 12 };
     let found = last(Compliance::new(body, options).unwrap().solve_path(&press));
     let error = relative(&found.displacement, &exact.displacement);
     // The residual of every frame is below 1e-5 of the force, and the errors accumulate in the
@@ -191,28 +191,32 @@ fn a_wide_sticking_contact_goes_on_where_the_offset_before_finds_no_balance() {
     let path = [0.5, 1.0, 1.4].map(|depth| at(0.0, (depth - 16.0) * MM)).to_vec();
     let press = along(wide, path);
     let exact = last(fem(&body, 0.8).solve_path(&press));
-    let errors = [0, 1, 3, 12].map(|sweeps| {
-        let model =
-            Compliance::new(body.clone(), ComplianceOptions { friction: 0.8, sweeps }).unwrap();
+    let errors = [0, 1, 3, 12].map(|corrections| {
+        let model = Compliance::new(body.clone(), ComplianceOptions { friction: 0.8, corrections })
+            .unwrap();
         relative(&last(model.solve_path(&press)).displacement, &exact.displacement)
     });
-    println!("error of u after 0, 1, 3, 12 sweeps: {errors:?}");
-    // Sweeps start from the linear solution there; after so long a step they do not converge fully.
+    println!("error of u after 0, 1, 3, 12 corrections: {errors:?}");
+    // Corrections start from the linear solution there; after so long a step they do not converge fully.
     assert!(errors[3] < 0.25 * errors[0], "{errors:?}");
 }
 
 #[test]
 fn no_force_without_contact() {
-    for sweeps in [0, 4] {
-        let model = Compliance::new(block(), ComplianceOptions { friction: 0.5, sweeps }).unwrap();
+    for corrections in [0, 4] {
+        let model =
+            Compliance::new(block(), ComplianceOptions { friction: 0.5, corrections }).unwrap();
         let path = vec![at(0.0, -1e-6), at(0.0, 0.3 * MM), at(0.0, -0.5 * MM)];
         let frames = frames(model.solve_path(&along(ball(), path)));
         assert!(frames[1].wrench.force.z < 0.0);
         for frame in [&frames[0], &frames[2]] {
-            assert_eq!(frame.wrench.force, Vector3::zeros(), "{sweeps} sweeps");
-            assert!(frame.displacement.iter().all(|u| *u == Vector3::zeros()), "{sweeps} sweeps");
-            assert!(frame.von_mises.iter().all(|&s| s == 0.0), "{sweeps} sweeps");
-            assert_eq!(frame.residual, 0.0, "{sweeps} sweeps");
+            assert_eq!(frame.wrench.force, Vector3::zeros(), "{corrections} corrections");
+            assert!(
+                frame.displacement.iter().all(|u| *u == Vector3::zeros()),
+                "{corrections} corrections"
+            );
+            assert!(frame.von_mises.iter().all(|&s| s == 0.0), "{corrections} corrections");
+            assert_eq!(frame.residual, 0.0, "{corrections} corrections");
         }
     }
 }
@@ -220,9 +224,9 @@ fn no_force_without_contact() {
 #[test]
 fn nodal_forces_add_up_to_the_wrench() {
     let body = block();
-    for (shape, sweeps) in [(ball(), 0), (cuboid(), 0), (ball(), 3)] {
-        let model =
-            Compliance::new(body.clone(), ComplianceOptions { friction: 0.5, sweeps }).unwrap();
+    for (shape, corrections) in [(ball(), 0), (cuboid(), 0), (ball(), 3)] {
+        let model = Compliance::new(body.clone(), ComplianceOptions { friction: 0.5, corrections })
+            .unwrap();
         let press = along(shape, vec![at(0.0, 0.3 * MM), at(0.1 * MM, 0.3 * MM)]);
         let frame = last(model.solve_path(&press));
         let sum: Vector3<f64> = frame.contact_force.iter().sum();
@@ -287,16 +291,16 @@ fn a_press_goes_on_where_another_ended() {
 }
 
 #[test]
-fn a_swept_press_goes_on_where_finite_elements_ended() {
+fn a_corrected_press_goes_on_where_finite_elements_ended() {
     let body = block();
     let fem = fem(&body, 0.5);
     let begun = last(fem.solve_path(&along(ball(), vec![at(0.0, 0.2 * MM), at(0.0, 0.4 * MM)])));
     let press = along(ball(), vec![at(0.05 * MM, 0.42 * MM)]).after(begun.history).unwrap();
     let exact = last(fem.solve_path(&press));
-    let options = ComplianceOptions { friction: 0.5, sweeps: 12 };
+    let options = ComplianceOptions { friction: 0.5, corrections: 12 };
     let found = last(Compliance::new(body, options).unwrap().solve_path(&press));
     let error = relative(&found.displacement, &exact.displacement);
-    // The residual of the sweeps is below 1e-5 of the force.
+    // The residual of the corrections is below 1e-5 of the force.
     assert!(error < 1e-4, "displacements differ by {error:.1e}");
 }
 
@@ -356,8 +360,8 @@ fn a_turned_scene_turns_the_answer() {
 
 #[test]
 fn a_given_force_is_met_by_the_travel_that_causes_it() {
-    for (shape, friction, sweeps) in [(ball(), 0.0, 0), (ball(), 0.5, 3), (cuboid(), 0.5, 0)] {
-        let model = Compliance::new(block(), ComplianceOptions { friction, sweeps }).unwrap();
+    for (shape, friction, corrections) in [(ball(), 0.0, 0), (ball(), 0.5, 3), (cuboid(), 0.5, 0)] {
+        let model = Compliance::new(block(), ComplianceOptions { friction, corrections }).unwrap();
         let press =
             Press::with_force(vec![shape.clone()], at(0.0, -2.0 * MM), 0.3, -Vector3::z()).unwrap();
         let pushed = last(model.solve_path(&press));
@@ -422,25 +426,27 @@ fn a_tip_finer_than_the_mesh_is_felt() {
 
 #[test]
 fn a_press_through_the_pad_is_refused() {
-    for sweeps in [0, 4] {
-        let model = Compliance::new(block(), ComplianceOptions { friction: 0.0, sweeps }).unwrap();
+    for corrections in [0, 4] {
+        let model =
+            Compliance::new(block(), ComplianceOptions { friction: 0.0, corrections }).unwrap();
         let found = model.solve_path(&along(ball(), vec![at(0.0, 0.2 * MM), at(0.0, 4.5 * MM)]));
         assert_eq!(found.len(), 2);
         let error = found[1].as_ref().map(|frame| frame.wrench).unwrap_err();
         let in_the_base = matches!(error, Error::Penetrated { .. });
         let named = in_the_base || matches!(error, Error::Inverted | Error::NotConverged { .. });
-        assert!(named, "{sweeps} sweeps: {error}");
+        assert!(named, "{corrections} corrections: {error}");
     }
 }
 
 #[test]
 fn a_force_beyond_the_pad_is_refused() {
-    for sweeps in [0, 2] {
-        let model = Compliance::new(block(), ComplianceOptions { friction: 0.5, sweeps }).unwrap();
+    for corrections in [0, 2] {
+        let model =
+            Compliance::new(block(), ComplianceOptions { friction: 0.5, corrections }).unwrap();
         let press = Press::with_force(vec![ball()], at(0.0, 0.0), 100.0, -Vector3::z()).unwrap();
         let error = model.solve_path(&press).pop().unwrap().map(|frame| frame.wrench).unwrap_err();
         let named = matches!(error, Error::Inverted | Error::Unreachable { .. });
-        assert!(named, "{sweeps} sweeps: {error}");
+        assert!(named, "{corrections} corrections: {error}");
     }
 }
 
@@ -457,8 +463,8 @@ fn bodies_and_options_that_make_no_sense_are_refused() {
     assert!(refused(&base[..2], ComplianceOptions::default()).contains("fixed: found 2 nodes"));
     assert!(edge.len() > 3);
     assert!(refused(&edge, ComplianceOptions::default()).contains("not on a line"));
-    let options = |friction, sweeps| ComplianceOptions { friction, sweeps };
-    assert!(refused(&base, options(0.0, 13)).contains("sweeps: found 13, expected 0 to 12"));
+    let options = |friction, corrections| ComplianceOptions { friction, corrections };
+    assert!(refused(&base, options(0.0, 13)).contains("corrections: found 13, expected 0 to 12"));
     for friction in [f64::NAN, -0.1, f64::INFINITY] {
         assert!(refused(&base, options(friction, 0)).contains("friction"));
     }

@@ -227,7 +227,8 @@ impl LinearGel {
         let (pad, calibration) = (sensor.pad(1000).unwrap(), &sensor.calibrations[0]);
         let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
         let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
-        let model = Compliance::new(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
+        let model =
+            Compliance::new(body, ComplianceOptions { friction: 0.8, corrections: 0 }).unwrap();
         Self { model, histories: [None, None] }
     }
 

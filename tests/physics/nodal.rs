@@ -24,7 +24,7 @@ fn pad(nodes: usize) -> PadMesh {
 
 fn linear(pad: &PadMesh, friction: f64) -> Compliance {
     let body = SoftBody::new(pad.mesh.clone(), Law::default(), GEL, &pad.base).unwrap();
-    Compliance::new(body, ComplianceOptions { friction, sweeps: 0 }).unwrap()
+    Compliance::new(body, ComplianceOptions { friction, corrections: 0 }).unwrap()
 }
 
 fn nodal(friction: f64) -> Nodal {
@@ -174,7 +174,7 @@ fn coarse_block(moduli: Moduli, friction: f64) -> Nodal {
     let mesh = grid(&side, &side, &even(-4.0 * MM, 0.0, 1));
     let base: Vec<u32> = nodes_where(&mesh, |p| p.z < -3.9 * MM);
     let body = SoftBody::new(mesh, Law::default(), moduli, &base).unwrap();
-    Compliance::new(body, ComplianceOptions { friction, sweeps: 0 }).unwrap().at_nodes()
+    Compliance::new(body, ComplianceOptions { friction, corrections: 0 }).unwrap().at_nodes()
 }
 
 #[test]

@@ -59,7 +59,7 @@ fn relative(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
 #[test]
 fn a_free_body_answers_small_squeezes_as_finite_elements_do() {
     let (body, press) = (body(800), squeeze(&[4e-4]));
-    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, corrections: 0 };
     let linear = Compliance::free(body.clone(), options).unwrap();
     let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
     let truth = Fem::new(body.clone(), options).unwrap();
@@ -75,7 +75,7 @@ fn a_free_body_answers_small_squeezes_as_finite_elements_do() {
 
 #[test]
 fn a_free_body_without_contact_does_not_move() {
-    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, corrections: 0 };
     let linear = Compliance::free(body(300), options).unwrap();
     for answer in [
         linear.solve_path(&squeeze(&[-1e-4])).pop().unwrap().unwrap(),

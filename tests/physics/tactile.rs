@@ -571,7 +571,7 @@ fn a_press_may_bring_its_own_friction() {
     })
     .unwrap();
     let own = plain.clone().with_friction(FRICTION).unwrap();
-    let options = ComplianceOptions { friction: FRICTION, sweeps: 0 };
+    let options = ComplianceOptions { friction: FRICTION, corrections: 0 };
     let mut model = Compliance::new(tip.body.clone(), options).unwrap();
     let theirs = model.solve(std::slice::from_ref(&plain));
     let ours = linear(&tip.body).solve(std::slice::from_ref(&own));

@@ -15,11 +15,11 @@ import ruffini
 from ruffini import Fem, Press, Shape, SoftBody
 from ruffini._core import read_sensor
 from ruffini.commands import main
-from ruffini.commands.fitting import Curve, Gel, Problem, Table, read_curve, toml
+from ruffini.commands.fitting import Curve, GelModel, Problem, Table, read_curve, toml
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
 BALL = Shape.sphere(8e-3)
-GEL = Gel("gelsight-mini", "neo-hookean", nodes=250, element="p1-bar")
+GEL = GelModel("gelsight-mini", "neo-hookean", nodes=250, element="p1-bar")
 HELD = {"poisson": 0.47, "friction": 0.5, "thickness": 1.0}
 DEPTHS = np.linspace(2e-4, 1.2e-3, 9)
 TRUE = {"young": 2.2e5, "poisson": 0.43, "offset": 7e-5}
@@ -69,7 +69,7 @@ def test_force_is_proportional_to_youngs_modulus():
 
 def test_a_small_indenter_gets_a_mesh_that_meets_hertz():
     small, depths = Shape.sphere(5e-4), np.array([5e-5, 1e-4])
-    force = Gel("gelsight-mini", "neo-hookean", 700).solve(small, depths, HELD)
+    force = GelModel("gelsight-mini", "neo-hookean", 700).solve(small, depths, HELD)
     hertz = 4 / 3 / (1 - HELD["poisson"] ** 2) * np.sqrt(5e-4 * depths**3)
     # A mesh of as many nodes that is not refined is off by a factor.
     assert np.abs(force / hertz - 1).max() < 0.1, (force, hertz)

@@ -94,7 +94,7 @@ def test_a_scene_on_a_full_disk_names_its_file(full):
     body = viewing.Rigid(np.array([0.0, 0, 0, 0, 0, 0, 1]), vertices, faces)
     file = full("a.html")
     with pytest.raises(ValueError, match=f"^{file}: {NO_SPACE}$"):
-        viewing.view([[viewing.Frame("a box", {"box": body}, {})]], file)
+        viewing.view([[viewing.ViewerFrame("a box", {"box": body}, {})]], file)
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])

@@ -280,8 +280,8 @@ def test_contact_at_nodes_is_another_form_of_compliance():
     assert nodes != points
     with pytest.raises(ValueError, match="contact: found edges, expected points or nodes"):
         ruffini.Compliance(body, contact="edges")
-    with pytest.raises(ValueError, match="sweeps: found 3, expected 0 with contact at nodes"):
-        ruffini.Compliance(body, sweeps=3, contact="nodes")
+    with pytest.raises(ValueError, match="corrections: found 3, expected 0 with contact at nodes"):
+        ruffini.Compliance(body, corrections=3, contact="nodes")
 
 
 def test_fields_are_read_at_points():

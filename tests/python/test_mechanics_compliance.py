@@ -20,17 +20,17 @@ def test_a_shallow_press_is_that_of_the_finite_elements():
     assert linear == pytest.approx(true, rel=0.03)
 
 
-def test_sweeps_lower_the_residual_and_the_error():
+def test_corrections_lower_the_residual_and_the_error():
     body, press = gel(), _path(5e-4)
     truth = Fem(body, friction=0.5).solve(press)[0]
 
-    def error(sweeps: int) -> tuple[float, float]:
-        found = Compliance(body, friction=0.5, sweeps=sweeps).solve(press)[0]
+    def error(corrections: int) -> tuple[float, float]:
+        found = Compliance(body, friction=0.5, corrections=corrections).solve(press)[0]
         off = np.linalg.norm(found.displacement - truth.displacement)
         return found.residual, off / np.linalg.norm(truth.displacement)
 
-    (rest, off), (swept_rest, swept_off) = error(0), error(12)
-    assert swept_rest < rest and swept_off < off
+    (rest, off), (corrected_rest, corrected_off) = error(0), error(12)
+    assert corrected_rest < rest and corrected_off < off
 
 
 def test_every_frame_is_kept_and_the_last_is_the_answer():
@@ -49,8 +49,8 @@ def test_what_was_condensed_is_read_again(tmp_path):
 
 
 def test_bad_options_are_named():
-    with pytest.raises(ValueError, match="sweeps: found 13"):
-        Compliance(gel(), sweeps=13)
+    with pytest.raises(ValueError, match="corrections: found 13"):
+        Compliance(gel(), corrections=13)
     with pytest.raises(ValueError, match="fixed"):
         Compliance(SoftBody(block(), young=1e5, poisson=0.45))
 

@@ -19,7 +19,7 @@ from ruffini import Compliance, Fem, LinearPad, Press, Surrogate
 
 MODELS = {
     "fem": lambda: Fem(gel(), friction=0.5),
-    "compliance": lambda: Compliance(gel(), friction=0.5, sweeps=1),
+    "compliance": lambda: Compliance(gel(), friction=0.5, corrections=1),
     "nodes": lambda: Compliance(gel(), friction=0.5, contact="nodes"),
     "cells": LinearPad,
     "network": Surrogate,

@@ -109,7 +109,9 @@ def test_one_moment_of_high_stress_does_not_take_the_colour_from_the_others(fram
     pad = frames[-1].bodies[view._SIDES[0]]
     high = replace(pad, von_mises=100 * pad.von_mises)
     scene = viewing.Scene(True, tmp_path / "a.html")
-    scene._set_top([viewing.Frame("", {"pad": pad})] * 19 + [viewing.Frame("", {"pad": high})])
+    scene._set_top(
+        [viewing.ViewerFrame("", {"pad": pad})] * 19 + [viewing.ViewerFrame("", {"pad": high})]
+    )
     top, label = scene._top, scene._nodes["/scale-1"].text
     scene.close()
     assert pad.von_mises.max() <= top < 2 * pad.von_mises.max(), f"{top} Pa"
@@ -157,7 +159,7 @@ def test_frames_of_a_dataset_are_shown(settings, gels, tmp_path, capsys):
     frames = list(view._grasp(data, None))
     assert len(frames) == len(data.frames(data.grasps[0]))
     bodies = frames[-1].bodies
-    assert {name for name, body in bodies.items() if isinstance(body, viewing.Gel)} == gels
+    assert {name for name, body in bodies.items() if isinstance(body, viewing.Soft)} == gels
     # Only the indenters of presses are not drawn.
     assert len(bodies) == (1 if data.presses else 3)
     for name in gels:
@@ -184,7 +186,7 @@ def test_rigid_fingers_and_objects_of_ones_own_are_shown(tmp_path):
         frames = list(view.episode(chosen, 1))
         body = frames[-1].bodies["object"]
         assert len(frames) == 3 and abs(np.ptp(body.vertices[:, 2]) - 0.04) < 1e-6
-        assert not any(isinstance(body, viewing.Gel) for body in frames[0].bodies.values())
+        assert not any(isinstance(body, viewing.Soft) for body in frames[0].bodies.values())
 
 
 @pytest.mark.parametrize("name", OBJECTS)

@@ -39,7 +39,7 @@ const LINEAR: f64 = 1e-3;
 pub(super) struct Settings {
     pub(super) law: ContactLaw,
     /// Greatest number of corrections by the forces of the body's own law.
-    pub(super) sweeps: usize,
+    pub(super) corrections: usize,
     /// Norm of the residual force at which a step has converged (N).
     pub(super) tolerance: f64,
 }
@@ -174,7 +174,7 @@ impl<'a> LoadStepping<'a> {
         self.state.sliding = contact.sliding(&touches);
         self.state.touches = self.zone.touches_out(touches);
         self.state.field.loads = self.loads(&history.displacement);
-        if self.settings.sweeps > 0 {
+        if self.settings.corrections > 0 {
             let given = rest.displacement(&self.state.contact_force, &mut self.scratch.workspace);
             let pairs = history.displacement.iter().zip(given);
             self.state.field.offset = pairs.map(|(u, given)| u - given).collect();
@@ -264,7 +264,7 @@ impl<'a> LoadStepping<'a> {
         };
         let guess = self.state.guess(zone, poses);
         let (field, touches) =
-            solution.find(&self.state.field.offset, guess, self.settings.sweeps)?;
+            solution.find(&self.state.field.offset, guess, self.settings.corrections)?;
         let iterations = solution.iterations;
         let law = &self.settings.law;
         let displaced = zone.pick(&field.displacement);

@@ -3,8 +3,8 @@
 //! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), reduced to a
 //! dense compliance matrix between the nodes of the surface. Contact has the same surface points,
 //! law and history as there ([`crate::contact`]), and a press may continue from a history of either
-//! model. Large strain is neglected. [`ComplianceOptions::sweeps`] corrects for it: each sweep is a
-//! step of modified Newton with the stiffness at rest and the forces of the body's own law. It is
+//! model. Large strain is neglected, unless [`ComplianceOptions::corrections`] are asked for: each is
+//! a step of modified Newton with the stiffness at rest and the forces of the body's own law. It is
 //! accepted only if it lowers the residual force, which
 //! [`Deformation::residual`](crate::deformation::Deformation) reports.
 //!
@@ -47,11 +47,11 @@ pub struct ComplianceOptions {
     pub friction: f64,
     /// Greatest number of corrections of a load step by the forces of the body's own law, 0 to 12;
     /// with 0 the body is linearly elastic.
-    pub sweeps: usize,
+    pub corrections: usize,
 }
 
-/// Greatest number of sweeps allowed.
-const MOST_SWEEPS: usize = 12;
+/// Greatest number of corrections allowed.
+const MOST_CORRECTIONS: usize = 12;
 
 /// Compliance model of one soft body. Copies share the precomputed data.
 #[derive(Clone)]
@@ -173,11 +173,15 @@ fn whole(stepping: &mut LoadStepping) -> Result<Deformation> {
 }
 
 fn settings(body: &SoftBody, options: ComplianceOptions) -> Result<Settings> {
-    if options.sweeps > MOST_SWEEPS {
-        return Err(Error::invalid("sweeps", options.sweeps, format!("0 to {MOST_SWEEPS}")));
+    if options.corrections > MOST_CORRECTIONS {
+        return Err(Error::invalid(
+            "corrections",
+            options.corrections,
+            format!("0 to {MOST_CORRECTIONS}"),
+        ));
     }
     let FemOptions { softness, tolerance, .. } = FemOptions::default();
     let law = ContactLaw::new(softness, options.friction)?;
     let tolerance = tolerance * (body.stiffest() / 1e6).max(1.0);
-    Ok(Settings { law, sweeps: options.sweeps, tolerance })
+    Ok(Settings { law, corrections: options.corrections, tolerance })
 }

@@ -1,10 +1,9 @@
-//! One load step: the linear solution, then sweeps that correct it by the forces of the body's own
-//! law.
+//! One load step: the linear solution, then corrections by the forces of the body's own law.
 //!
-//! A sweep is a step of modified Newton: the body's own law gives the elastic force g(u), the
+//! A correction is a step of modified Newton: the body's own law gives the elastic force g(u), the
 //! stiffness at rest K relates the residual force to a displacement, and contact is solved again
 //! with the offset u₀ = u − K⁻¹ g(u) instead of zero. This is a fixed-point iteration on u₀,
-//! accelerated by [`Mixing`]. A sweep is accepted only if it lowers the residual force; after a
+//! accelerated by [`Mixing`]. A correction is accepted only if it lowers the residual force; after a
 //! rejected one, the plain step is tried at half its length, then at a quarter.
 //!
 //! Shapes: V nodes of the mesh, m free nodes of the zone.
@@ -24,15 +23,15 @@ use crate::{
 
 /// Smallest share of a plain step that is tried.
 const SHORTEST: f64 = 0.25;
-/// Number of earlier sweeps mixed with the last.
+/// Number of earlier corrections mixed with the last.
 const REMEMBERED: usize = 5;
-/// Residual allowed in the contact of a sweep, relative to the residual force before it.
+/// Residual allowed in the contact of a correction, relative to the residual force before it.
 const INEXACT: f64 = 1e-3;
 
 /// Displacement of the body: an offset plus the linear response to loads.
 #[derive(Clone)]
 pub(super) struct LinearDisplacement {
-    /// Displacement (V) in m, known on the skin; inside the body only if sweeps were asked for.
+    /// Displacement (V) in m, known on the skin; inside the body only if corrections were asked for.
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Part of the displacement that is not the response to the loads (V) in m.
     pub(super) offset: Vec<Vector3<f64>>,
@@ -60,7 +59,7 @@ pub(super) struct Solution<'a, 'b> {
     pub(super) contact: &'a mut Contact<'b>,
     /// Norm of the residual force at which the search ends (N).
     pub(super) tolerance: f64,
-    /// Newton steps of the contact and sweeps taken so far.
+    /// Newton steps of the contact and corrections taken so far.
     pub(super) iterations: usize,
 }
 
@@ -72,41 +71,41 @@ struct BalancedField {
     touches: Vec<Touch>,
 }
 
-/// Iterate of the sweeps: a field in balance with its residual force.
+/// Iterate of the corrections: a field in balance with its residual force.
 struct Iterate {
     settled: BalancedField,
-    /// Change of the offset in a plain sweep: K⁻¹ × residual force (V) in m.
+    /// Change of the offset in a plain correction: K⁻¹ × residual force (V) in m.
     step: Vec<Vector3<f64>>,
     /// Norm of the residual force (N).
     residual: f64,
 }
 
 impl Solution<'_, '_> {
-    /// Finds the solution near the `guess` with at most `sweeps` sweeps, starting from `offset`.
+    /// Finds the solution near the `guess`, starting from `offset`, with at most so many `corrections`.
     pub(super) fn find(
         &mut self,
         offset: &[Vector3<f64>],
         guess: Guess,
-        sweeps: usize,
+        corrections: usize,
     ) -> Result<(LinearDisplacement, Vec<Touch>)> {
-        let found = if sweeps == 0 {
+        let found = if corrections == 0 {
             self.settle(offset.to_vec(), guess, 0.0)?
         } else {
-            self.swept(offset, guess, sweeps)?
+            self.corrected(offset, guess, corrections)?
         };
         Ok((found.field, found.touches))
     }
 
-    fn swept(
+    fn corrected(
         &mut self,
         offset: &[Vector3<f64>],
         guess: Guess,
-        sweeps: usize,
+        corrections: usize,
     ) -> Result<BalancedField> {
         let mut best = self.begin(offset, guess)?;
         let (mut mixing, mut share) = (Mixing::new(REMEMBERED), 1.0);
         mixing.record(&best.settled.field.offset, &best.step);
-        for _ in 0..sweeps {
+        for _ in 0..corrections {
             if best.residual <= self.tolerance || share < SHORTEST {
                 break;
             }

@@ -50,8 +50,8 @@ pub struct DatasetConfig {
     pub truth_nodes: usize,
     /// Name of the element used to solve them.
     pub truth_element: String,
-    /// Distances between nodes across what an indenter covers of the face, at most; fewer where
-    /// there are not enough nodes.
+    /// Greatest number of node spacings across the part of the face that an indenter covers; fewer
+    /// where there are not enough nodes.
     #[serde(skip_serializing_if = "is_rough")]
     pub truth_across: f64,
     /// Number of equal load steps, by finite elements and by linear elasticity, from one frame of an

@@ -55,7 +55,7 @@ impl PressedPad {
         let contact = || -> Result<_> {
             let moduli = Moduli { young: gel.young, poisson: gel.poisson };
             let body = SoftBody::new(model.mesh.clone(), Law::Linear, moduli, &model.base)?;
-            let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
+            let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
             let compliance = Compliance::new(body, options)?;
             let sides = Sides::new(&sensor.outline, moduli, ELEMENTS)?;
             let fine = ContactResolution::FINE;

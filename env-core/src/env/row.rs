@@ -73,9 +73,9 @@ impl Row {
         self.motion.as_ref().is_some_and(PendingStep::is_unsettled)
     }
 
-    /// Puts further presses in the place of those that have been solved, if what the hand holds at
-    /// the beginning of an episode has to come to rest with them. If it slips out of the hand, the
-    /// parameters of the episode are drawn again, [`DRAWS`] times at most.
+    /// Replaces the solved presses by further ones while an object that the hand holds at the beginning
+    /// of an episode has not come to rest. If it slips out of the hand, the parameters of the episode
+    /// are drawn again, [`DRAWS`] times at most.
     pub(super) fn settle(&mut self, setup: &Setup) -> Result<()> {
         let (Some(episode), Some(motion)) = (&mut self.episode, &mut self.motion) else {
             return Ok(());

@@ -80,11 +80,11 @@ impl Carrier {
         Carried { displacement, von_mises }
     }
 
-    /// Returns the fields of a solution `nonlinear` (N) by this operator's model, corrected by what is
-    /// between two solutions by the linear law: `linear` (N) on the same mesh and `better` by the model
-    /// of `finer`, an operator to the same mesh. The deformation gradient is that of the nonlinear
-    /// solution times the exponential of the difference of the gradients of the linear ones, which
-    /// inverts nothing. Returns an error if the elements are not quadratic.
+    /// Returns the fields of a solution `nonlinear` (N) by this operator's model plus the difference
+    /// `better` − `linear` of two solutions by the linear law: `linear` (N) on the same mesh, and
+    /// `better` by the model of `finer`, an operator to the same mesh. The deformation gradient is that
+    /// of the nonlinear solution times the exponential of the difference of the linear gradients, which
+    /// inverts no element. Returns an error if the elements are not quadratic.
     pub(crate) fn corrected(
         &self,
         [nonlinear, linear]: [&[Vector3<f64>]; 2],

@@ -14,10 +14,10 @@ use rapier3d::{
 use super::units;
 use crate::geometry::Surface;
 
-/// Greatest distance of a vertex outside a face of the hull that replaces another, relative to the
-/// surface's size: the first with which the faces are sound. With the first of all, 50 mm of size are
-/// off by 0.05 mm; Rapier lets objects overlap by 0.02 mm. Faces of the catalogue's ellipsoids, which
-/// have 162 vertices, are off by up to 9e-3.
+/// Greatest distance of a vertex outside a face of a simplified hull, relative to the surface's size.
+/// They are tried in order until the faces are sound. With the first, a surface of 50 mm is off by
+/// 0.05 mm; Rapier lets objects overlap by 0.02 mm. The faces of the catalogue's ellipsoids, which have
+/// 162 vertices, differ from the ellipsoids by up to 9e-3.
 const TOLERANCES: [f64; 4] = [1e-3, 2e-3, 4e-3, 8e-3];
 /// Greatest height of a vertex above the lowest of a sound face, along the face's normal and
 /// relative to the hull's size. Where Rapier joins a few triangles of a potato, it is 6e-3.

@@ -110,7 +110,7 @@ impl LinearBaseline {
     ) -> Result<Self> {
         let fine = PadMesh::with_nodes(&sensor.outline, nodes)?;
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
-        let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
+        let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
         let sides = Sides::new(&sensor.outline, gel.moduli, ELEMENTS)?;

@@ -58,8 +58,8 @@ struct FaultyQuantity {
 impl FaultySensors {
     /// Draws the errors of an episode with control steps of `period` (s); `None` if no channel has
     /// any. Of the two random streams, one draws gains, offsets, dead points and the noise, the
-    /// other the ranges of the remaining errors and the drift. Quantities of a pad are equally far
-    /// through their ranges.
+    /// other the ranges of the remaining errors and the drift. For each pad and
+    /// kind of error, one uniform draw places all quantities within their ranges.
     pub fn draw(
         errors: &SensorErrors,
         layout: &ObservationLayout,

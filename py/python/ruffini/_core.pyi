@@ -259,7 +259,7 @@ class Compliance:
         cls,
         body: SoftBody,
         friction: float = 0.0,
-        sweeps: int = 0,
+        corrections: int = 0,
         cache: str | PathLike[str] | None = None,
         contact: str = "points",
     ) -> Compliance: ...

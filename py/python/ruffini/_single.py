@@ -16,9 +16,9 @@ from ruffini._spaces import (
     ACTION_SIZE,
     NO_LIMIT,
     Camera,
-    Frame,
     Observation,
     Renderer,
+    RenderFrame,
     as_actions,
     check_open,
     check_options,
@@ -124,7 +124,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
             info,
         )
 
-    def render(self, camera: Camera | None = None) -> Frame | None:
+    def render(self, camera: Camera | None = None) -> RenderFrame | None:
         """Picture (height, width, 3) of the scene, or ``None`` without a render mode.
 
         Args:

@@ -23,7 +23,7 @@ from ruffini._settings import nearest
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
 """A flat vector, or one vector per channel."""
 
-Frame = NDArray[np.uint8]
+RenderFrame = NDArray[np.uint8]
 """A picture (height, width, 3)."""
 
 Camera = str | Mapping[str, Any]
@@ -127,7 +127,7 @@ class Renderer:
         self.mode, self.width, self.height = mode, width, height
         self.camera = as_camera(camera)
 
-    def draw(self, batch: Batch, row: int, camera: Camera | None = None) -> Frame:
+    def draw(self, batch: Batch, row: int, camera: Camera | None = None) -> RenderFrame:
         view = self.camera if camera is None else as_camera(camera)
         return batch.render(row, self.width, self.height, view)
 

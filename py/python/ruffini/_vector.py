@@ -19,8 +19,8 @@ from ruffini._settings import Settings, nearest
 from ruffini._spaces import (
     ACTION_SIZE,
     Camera,
-    Frame,
     Renderer,
+    RenderFrame,
     as_actions,
     check_count,
     check_open,
@@ -243,14 +243,14 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             "_final_info": done.copy(),
         }
 
-    def render(self, camera: Camera | None = None) -> tuple[Frame, ...] | None:
+    def render(self, camera: Camera | None = None) -> tuple[RenderFrame, ...] | None:
         """One picture (height, width, 3) per row, or ``None`` without a render mode."""
         if self.render_mode is None:
             return None
         rows = range(self.num_envs)
         return tuple(self._renderer.draw(self._batch, row, camera) for row in rows)
 
-    def picture(self, row: int, camera: Camera | None = None) -> Frame | None:
+    def picture(self, row: int, camera: Camera | None = None) -> RenderFrame | None:
         """Picture (height, width, 3) of one row, or ``None`` without a render mode."""
         return None if self.render_mode is None else self._renderer.draw(self._batch, row, camera)
 

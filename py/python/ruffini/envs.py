@@ -7,11 +7,10 @@ task's file in Rust says.
 from __future__ import annotations
 
 from ruffini._single import NativeEnv
-from ruffini._spaces import Frame, Observation
+from ruffini._spaces import Observation, RenderFrame
 from ruffini._vector import NativeVectorEnv
 
 __all__ = [
-    "Frame",
     "GraspFragileEnv",
     "GraspFragileVectorEnv",
     "GraspLiftEnv",
@@ -25,6 +24,7 @@ __all__ = [
     "NativeEnv",
     "NativeVectorEnv",
     "Observation",
+    "RenderFrame",
 ]
 
 

@@ -22,13 +22,21 @@ from numpy.typing import ArrayLike, NDArray
 from ruffini._core import __version__
 from ruffini._spaces import check_count
 
-__all__ = ["FIRST_SEED", "Policy", "Progress", "about_this_run", "bootstrap", "evaluate", "line"]
+__all__ = [
+    "FIRST_SEED",
+    "Policy",
+    "ProgressCallback",
+    "about_this_run",
+    "bootstrap",
+    "evaluate",
+    "line",
+]
 __all__ += ["wilson"]
 
 FIRST_SEED = 10_000
 """First of the consecutive evaluation seeds; training seeds are far below."""
 
-Progress = Callable[[int, int, int], None]
+ProgressCallback = Callable[[int, int, int], None]
 """Called after every step with the episodes finished, all episodes, and the steps taken."""
 
 
@@ -77,7 +85,7 @@ def evaluate(
     episodes: int,
     *,
     first_seed: int = FIRST_SEED,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
     """Success rate, its interval, return, successes by object, and reasons of early endings.
@@ -87,7 +95,7 @@ def evaluate(
         env_id: Id of the environment.
         episodes: Number of episodes, one per seed.
         first_seed: Seed of the first episode.
-        progress: Callback after every step; see `Progress`.
+        progress: Callback after every step; see `ProgressCallback`.
         **settings: As for ``gymnasium.make_vec``.
 
     Raises:

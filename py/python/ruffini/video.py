@@ -15,7 +15,7 @@ import numpy as np
 from ruffini import SimulationError
 from ruffini._core import encode_gif
 from ruffini._settings import counted
-from ruffini._spaces import Frame, check_writable
+from ruffini._spaces import RenderFrame, check_writable
 from ruffini.evaluation import Policy
 
 __all__ = ["SIZES", "check", "film", "write"]
@@ -44,7 +44,7 @@ def check(path: Path) -> None:
     check_writable("video", path)
 
 
-def write(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
+def write(path: Path, frames: Sequence[RenderFrame], rate: int = 25) -> None:
     """Write `frames`, arrays (height, width, 3), at `rate` frames a second.
 
     Raises:
@@ -67,7 +67,7 @@ def write(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
         path.write_bytes(film.read_bytes())
 
 
-def _in_few_colors(frames: Sequence[Frame]) -> list[Frame]:
+def _in_few_colors(frames: Sequence[RenderFrame]) -> list[RenderFrame]:
     """Return `frames` in at most `_COLORS` colours, the same in all frames.
 
     The encoder writes such frames exactly. With colours chosen frame by frame what does not move
@@ -97,7 +97,7 @@ def _in_few_colors(frames: Sequence[Frame]) -> list[Frame]:
     return list(colors.astype(np.uint8)[places.reshape(packed.shape)])
 
 
-def _encode(path: Path, frames: Sequence[Frame], rate: int = 25) -> None:
+def _encode(path: Path, frames: Sequence[RenderFrame], rate: int = 25) -> None:
     """Have ffmpeg write a video, and print nothing."""
     height, width, _ = frames[0].shape
     size = width, height
@@ -116,7 +116,7 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
     """
     size = dict(zip(("width", "height"), SIZES[path.suffix], strict=True))
     env = gym.make(env_id, render_mode="rgb_array", **size | settings)
-    frames: list[Frame] = []
+    frames: list[RenderFrame] = []
     endings = []
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
@@ -144,7 +144,7 @@ def _row(observation: Any) -> Any:
     return observation[None]
 
 
-def _picture(env: gym.Env[Any, Any]) -> Frame:
+def _picture(env: gym.Env[Any, Any]) -> RenderFrame:
     picture: Any = env.render()
     return np.asarray(picture, np.uint8)
 

@@ -24,7 +24,7 @@ from ruffini._frames import _turned
 from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
 
-__all__ = ["Frame", "Gel", "Rigid", "Scene", "Skin", "check", "nodal", "traction", "view"]
+__all__ = ["Rigid", "Scene", "Skin", "Soft", "ViewerFrame", "check", "nodal", "traction", "view"]
 
 Floats = NDArray[np.floating[Any]]
 _COLORS = [(252, 243, 205), (254, 191, 132), (245, 121, 92), (197, 60, 117), (119, 34, 125)]
@@ -91,7 +91,7 @@ class Rigid:
 
 
 @dataclass
-class Gel:
+class Soft:
     """Soft body: a pad, or a soft object."""
 
     pose: Floats
@@ -114,11 +114,11 @@ class Gel:
 
 
 @dataclass
-class Frame:
+class ViewerFrame:
     """Bodies and curves at one time."""
 
     title: str
-    bodies: dict[str, Rigid | Gel]
+    bodies: dict[str, Rigid | Soft]
     values: dict[str, list[float]] = field(default_factory=dict)
     """Components, at most four, of each curve; its name has the unit."""
     seconds: float = 0.04
@@ -161,7 +161,7 @@ def _say(line: str) -> None:
 
 
 def view(
-    sequences: Iterable[Iterable[Frame]],
+    sequences: Iterable[Iterable[ViewerFrame]],
     out: Path | None,
     table: bool = False,
     say: Callable[[str], None] = _say,
@@ -221,7 +221,7 @@ class Scene:
         with contextlib.redirect_stdout(io.StringIO()):
             self._server.stop()
 
-    def record(self, sequences: Sequence[Sequence[Frame]], out: Path) -> int:
+    def record(self, sequences: Sequence[Sequence[ViewerFrame]], out: Path) -> int:
         """Write the frames to an HTML file, and return how many they are.
 
         Raises:
@@ -242,12 +242,12 @@ class Scene:
             out.write_text(page)
         return len(frames)
 
-    def live(self, sequences: Iterable[Iterable[Frame]]) -> None:
+    def live(self, sequences: Iterable[Iterable[ViewerFrame]]) -> None:
         """Show the frames as they come, then those chosen with a slider; never ends."""
-        seen: list[tuple[Frame, list[Frame], int]] = []
+        seen: list[tuple[ViewerFrame, list[ViewerFrame], int]] = []
         note = self._server.gui.add_markdown("Being played. At its end a slider goes back.")
         for sequence in sequences:
-            past: list[Frame] = []
+            past: list[ViewerFrame] = []
             for frame in sequence:
                 past.append(frame)
                 if not seen:
@@ -267,7 +267,7 @@ class Scene:
                 self.show(*seen[shown])
             time.sleep(seen[shown][0].seconds)
 
-    def show(self, frame: Frame, sequence: Sequence[Frame], number: int) -> None:
+    def show(self, frame: ViewerFrame, sequence: Sequence[ViewerFrame], number: int) -> None:
         """Draw a frame, the one of that `number` in its `sequence`."""
         self._charts(sequence, number)
         for name, body in frame.bodies.items():
@@ -278,15 +278,15 @@ class Scene:
                 if old is not None:
                     old.visible = False
                 self._visible[name] = node
-            holder = self._frame(name) if isinstance(body, Gel) else node
+            holder = self._frame(name) if isinstance(body, Soft) else node
             holder.position, holder.wxyz = body.pose[:3], body.pose[[6, 3, 4, 5]]
-            if isinstance(body, Gel):
+            if isinstance(body, Soft):
                 if body.scale > 1:
                     holder.position = self._middle + body.pose[:3]
                 self._touch(name, body)
         self._text("/title", frame.title, self._at(-0.18, 0.185), 0.0075)
 
-    def _aim(self, frames: Sequence[Frame]) -> None:
+    def _aim(self, frames: Sequence[ViewerFrame]) -> None:
         """Aim the camera at the bodies of all frames, and write the legend."""
         bodies = [body for frame in frames for body in frame.bodies.values()]
         corners = [_corners(body) for body in bodies if isinstance(body, Rigid) or body.scale == 1]
@@ -308,11 +308,11 @@ class Scene:
         place: Floats = self._middle + self._size * np.array([x, 0.03, z])
         return place
 
-    def _prepare(self, frame: Frame) -> None:
+    def _prepare(self, frame: ViewerFrame) -> None:
         for name, body in frame.bodies.items():
             self._prepare_body(name, body)
 
-    def _prepare_body(self, name: str, body: Rigid | Gel) -> Any:
+    def _prepare_body(self, name: str, body: Rigid | Soft) -> Any:
         """Node of the body, created hidden on first use; equal bodies share one."""
         if isinstance(body, Rigid):
             key: tuple[Any, ...] = (name, body.vertices.tobytes(), body.color)
@@ -338,7 +338,7 @@ class Scene:
             self._nodes[name] = self._scene.add_frame(f"/{name}", show_axes=False)
         return self._nodes[name]
 
-    def _touch(self, name: str, body: Gel) -> None:
+    def _touch(self, name: str, body: Soft) -> None:
         """Draw markers, forces and wrench of a soft body, and the name of an enlarged one."""
         scale = body.scale
         if scale > 1:
@@ -397,13 +397,13 @@ class Scene:
         if node.text != text:
             node.text = text
 
-    def _set_top(self, frames: Iterable[Frame]) -> None:
+    def _set_top(self, frames: Iterable[ViewerFrame]) -> None:
         """Make the colour scale reach to the highest stress of nine in ten frames so far.
 
         A moment of high stress would take the colour from the others.
         """
         for frame in frames:
-            gels = [body for body in frame.bodies.values() if isinstance(body, Gel)]
+            gels = [body for body in frame.bodies.values() if isinstance(body, Soft)]
             self._peaks.append(max((float(gel.von_mises.max()) for gel in gels), default=0.0))
         touched = [peak for peak in self._peaks if peak > 0]
         highest = float(np.quantile(touched, 0.9)) if touched else 0.0
@@ -429,7 +429,7 @@ class Scene:
             self._text(f"/scale-{share}", f"{share * self._top / 1e3:g} kPa{more}", at, _TEXT)
         self._text("/scale-name", "von Mises stress", self._at(0.212, -0.048), _TEXT)
 
-    def _charts(self, sequence: Sequence[Frame], number: int) -> None:
+    def _charts(self, sequence: Sequence[ViewerFrame], number: int) -> None:
         """Draw the curves of a sequence, if they are not there, and mark a frame in them."""
         names = list(sequence[0].values)
         if not names:
@@ -481,7 +481,7 @@ class Scene:
             self._text(f"{path}/{end}", label, at, 0.0045, "center-right")
 
 
-def _corners(body: Rigid | Gel) -> Floats:
+def _corners(body: Rigid | Soft) -> Floats:
     """Lowest and highest corner (2, 3) of a body in the world."""
     points = _turned(np.asarray(body.pose, float), body.vertices) + body.pose[:3]
     return np.stack([points.min(axis=0), points.max(axis=0)])

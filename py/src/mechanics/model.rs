@@ -135,18 +135,18 @@ impl Fem {
 /// Linear elastic model of a bonded body, condensed once to its surface: fast, for small strains.
 ///
 /// Contact is the same as in Fem, with the stiffness of "p1-bar" at rest, and a history of one
-/// model can be continued in the other. Large strain is neglected; each sweep, a modified Newton
+/// model can be continued in the other. Large strain is neglected; each correction, a modified Newton
 /// step towards the nonlinear forces, recovers part of it, and the residual of the solution
 /// measures the rest.
 ///
 /// Args:
 ///     body: Soft body that is pressed; its fixed nodes must prevent rigid motion.
 ///     friction: Coefficient of friction between body and shapes, 0 to 100.
-///     sweeps: Greatest number of corrections of a load step, 0 to 12.
+///     corrections: Greatest number of corrections of a load step, 0 to 12.
 ///     cache: Folder in which precomputed data are kept, by a hash of the body.
 ///     contact: "points": evaluated at many points of every face, as in Fem, and solved by
 ///         Newton's method. "nodes": evaluated at the nodes of the surface, solved by projected
-///         Gauss-Seidel; ten to fifty times faster, coarse where few nodes touch, without sweeps,
+///         Gauss-Seidel; ten to fifty times faster, coarse where few nodes touch, without corrections,
 ///         and with histories that only this option can continue.
 ///
 /// Raises:
@@ -182,11 +182,11 @@ impl DeformationModel for LinearModel {
 }
 
 impl LinearModel {
-    fn new(model: compliance::Compliance, contact: &str, sweeps: usize) -> Result<Self> {
+    fn new(model: compliance::Compliance, contact: &str, corrections: usize) -> Result<Self> {
         match contact {
             "points" => Ok(Self::Points(model)),
-            "nodes" if sweeps == 0 => Ok(Self::Nodes(model.at_nodes())),
-            "nodes" => Err(Error::invalid("sweeps", sweeps, "0 with contact at nodes")),
+            "nodes" if corrections == 0 => Ok(Self::Nodes(model.at_nodes())),
+            "nodes" => Err(Error::invalid("corrections", corrections, "0 with contact at nodes")),
             _ => Err(Error::invalid("contact", contact, "points or nodes")),
         }
     }
@@ -195,23 +195,23 @@ impl LinearModel {
 #[pymethods]
 impl Compliance {
     #[new]
-    #[pyo3(signature = (body, friction=0.0, sweeps=0, cache=None, contact="points"))]
+    #[pyo3(signature = (body, friction=0.0, corrections=0, cache=None, contact="points"))]
     fn new(
         py: Python<'_>,
         body: Py<SoftBody>,
         friction: f64,
-        sweeps: usize,
+        corrections: usize,
         cache: Option<PathBuf>,
         contact: &str,
     ) -> PyResult<Self> {
-        let options = compliance::ComplianceOptions { friction, sweeps };
+        let options = compliance::ComplianceOptions { friction, corrections };
         let solid = body.get().inner.clone();
         let model = py.detach(|| {
             let model = match cache {
                 Some(folder) => compliance::Compliance::cached(solid, options, &folder),
                 None => compliance::Compliance::new(solid, options),
             }?;
-            LinearModel::new(model, contact, sweeps)
+            LinearModel::new(model, contact, corrections)
         });
         Ok(Self { model: Mutex::new(model.map_err(python_error)?), body })
     }

@@ -120,7 +120,7 @@ mod tests {
             let pad = PadMesh::with_nodes(&Sensor::named(name).unwrap().outline, 500).unwrap();
             let moduli = Moduli { young: 3e5, poisson: 0.47 };
             let solid = SoftBody::new(pad.mesh.clone(), Law::Linear, moduli, &pad.base).unwrap();
-            let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
+            let options = ComplianceOptions { friction: 0.5, corrections: 0 };
             let compliance = Compliance::new(solid, options).unwrap();
             let (own, elements) = (compliance.face_responses(&pad), &compliance.condensed.rest);
             for &node in &pad.face {

@@ -33,8 +33,8 @@ const MOVED: u32 = 2;
 /// Greatest difference of the displacements of neighbouring cells, relative to half of a diagonal.
 const BENT: f64 = 1.0;
 
-/// Number of cells about equally near to a shape that are not divided further: it is wider than
-/// they are.
+/// Number of cells about equally near to a shape from which none is divided further: the shape is
+/// wide against the cells.
 const MANY: usize = 2000;
 
 /// Data shared by the grids of a pad.

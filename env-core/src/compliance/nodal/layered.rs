@@ -200,8 +200,8 @@ impl LayeredPad {
         (0..3 * count).map(response)
     }
 
-    /// Adds to the displacement of nodes (m) near the contact under tractions around the face nodes
-    /// what the forces on cells change.
+    /// Replaces, in the displacement of nodes (m) near the contact, the effect of forces distributed over
+    /// the face nodes by that of the forces on cells.
     pub fn refine(&self, settled: &ContactSolution, displacement: &mut [Vector3<f64>]) {
         let (grid, model) = (self.grid(settled), &self.model);
         let layer = 3 * model.nodes.len();
@@ -315,7 +315,7 @@ mod tests {
         let pad = sensor.pad(1000).unwrap();
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
-        let options = ComplianceOptions { friction: 0.5, sweeps: 0 };
+        let options = ComplianceOptions { friction: 0.5, corrections: 0 };
         let compliance = Compliance::new(body, options).unwrap();
         let fast = ContactResolution::FAST;
         let sides = Sides::new(&sensor.outline, moduli, 300).unwrap();

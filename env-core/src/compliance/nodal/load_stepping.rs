@@ -31,12 +31,12 @@ const MARGIN: f64 = 1e-4;
 const UNFELT: f64 = 10.0;
 /// Most cells of a level that are searched for a first touch.
 const WIDE: usize = 24_000;
-/// Breadth and thickness of a wall, in sides of a cell, above which cells resolve it. A strip at up
-/// to 45° to the rows of cells that is thicker than a side has a cell in every row that crosses it,
-/// and is crossed by one if it is 2.7 times as long. Slopes take a fifth.
+/// Least breadth and thickness, in sides of a cell, of a wall that cells resolve. A strip in any
+/// direction that is thicker than a side and at least 2.7 sides long covers the centre of a cell in
+/// every row that it crosses. The thickness has a margin of a fifth for walls that lean.
 const WALL: [f64; 2] = [4.0, 1.2];
-/// Number of touching cells that the edge of a wall does not reach, three of them wide, across a pad
-/// and back.
+/// More touching cells than the edge of a thin wall can have: a strip three cells wide, across a pad
+/// and back. Where more touch, the wall lies on its side.
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
@@ -151,11 +151,13 @@ impl<'a> NodalLoadStepping<'a> {
         gap.max(0.0)
     }
 
-    /// Attempts one load step to `poses` and returns the state it ends in. On a body with several
-    /// levels, the step is taken on the finest on which no more cells touch than the resolution has,
-    /// unless few touch on a coarser one that the last step ended on. Levels whose cells are about
-    /// as wide as the thinnest wall are taken if more than [`BROAD`] touch on the level after them:
-    /// the wall then touches by its side.
+    /// Attempts one load step to `poses` and returns the state it ends in.
+    ///
+    /// On a body with several levels of cells:
+    /// - the step is taken on the finest level on which no more cells touch than the resolution allows;
+    /// - it stays on the level of the last step if that is coarser and few cells touch there;
+    /// - levels whose cells are about as wide as the thinnest wall are used only if more than
+    ///   [`BROAD`] cells touch on the next finer level, so that the wall touches by its side.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;

@@ -152,7 +152,7 @@ impl Nodal {
 
 impl Compliance {
     /// Returns a model of the same body and friction with contact at the nodes, without correction
-    /// sweeps for nonlinearity.
+    /// corrections for nonlinearity.
     pub fn at_nodes(&self) -> Nodal {
         let nodes = ContactNodes::new(Arc::clone(&self.condensed));
         Nodal { nodes: Arc::new(nodes), law: self.settings.law }

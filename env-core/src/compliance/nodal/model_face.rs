@@ -1,8 +1,8 @@
 //! Face of the mesh on which fields are output, and its displacement by the elastic layer and the
 //! sides.
 //!
-//! Forces on cells are spread as tractions around the nodes of the face, between which displacement
-//! is known in advance; near a cell, the displacement by the force on the cell itself takes its place.
+//! Forces on cells are distributed over the nodes of the face, for which responses are tabulated. Near
+//! a cell, the response to the force on the cell itself is used instead.
 //!
 //! Shapes: C nodes a layer.
 

@@ -23,14 +23,14 @@ use crate::{
 /// Depth that a node must have reached in a shape to count as having passed through it, in
 /// softnesses.
 const RUN_OVER: f64 = 10.0;
-/// Cosine between the normals where a node entered a shape and where it is nearest to the outside
-/// below which it is pushed out where it entered.
+/// Least cosine between the normal of a shape where a node entered it and that at its nearest point
+/// to the node. If they differ by more, the node is pushed out where it entered.
 const TURNED: f64 = 0.5;
 /// Cosine between the outward normals of body and shape above which the shape is on the wrong side
 /// of the skin. Where body and shape touch, these normals oppose each other.
 const FOLDED: f64 = 0.5;
-/// Cosine between the outward normals of body and shape above which a flank of the shape touches, not
-/// its end.
+/// Cosine between the outward normals of body and shape above which the shape touches with a flank and
+/// not with its end.
 const FLANK: f64 = -0.2;
 /// Number of parts in which the line between two neighbouring cells is looked at.
 const PARTS: u32 = 8;
@@ -57,7 +57,7 @@ pub(super) struct Move<'a> {
 pub(super) struct Patch<'a> {
     nodes: &'a ContactNodes,
     law: &'a ContactLaw,
-    way: Move<'a>,
+    motion: Move<'a>,
     pub(super) members: Vec<Member>,
     /// Ranges of the displacement that follow the forces in sweeps.
     pub(super) runs: Vec<[usize; 2]>,
@@ -108,7 +108,7 @@ impl<'a> Patch<'a> {
     pub(super) fn new(
         nodes: &'a ContactNodes,
         law: &'a ContactLaw,
-        way: Move<'a>,
+        motion: Move<'a>,
         [room, reach]: [f64; 2],
         most: usize,
         held: &[Held],
@@ -118,11 +118,11 @@ impl<'a> Patch<'a> {
         let forces = forces(held);
         let mut ranks: Vec<u32> = match &nodes.compliance {
             NodeCompliance::Matrix(..) => {
-                let near = nodes.groups.iter().filter(|group| is_near(way, group, room));
+                let near = nodes.groups.iter().filter(|group| is_near(motion, group, room));
                 near.flat_map(|group| group.ranks.iter().copied()).collect()
             }
             NodeCompliance::Grid(grid) => {
-                grid.near((way.shapes, way.to), &forces, [room, reach], most)?
+                grid.near((motion.shapes, motion.to), &forces, [room, reach], most)?
             }
         };
         ranks.extend(held.iter().map(|held| held.rank));
@@ -157,7 +157,7 @@ impl<'a> Patch<'a> {
             let start = rest + moved;
             let distance = match known {
                 Some(_) => 0.0,
-                None => nearest(way.shapes, way.to, &start).1.value,
+                None => nearest(motion.shapes, motion.to, &start).1.value,
             };
             (distance < reach).then(|| Member {
                 rank,
@@ -179,7 +179,7 @@ impl<'a> Patch<'a> {
         // On a grid, they are those of the touching cells.
         let ranks = if is_grid { &[] } else { &members[..] }.iter().map(|member| member.rank);
         let runs = self::runs(ranks);
-        Some(Self { nodes, law, way, members, runs, displacement, spots })
+        Some(Self { nodes, law, motion, members, runs, displacement, spots })
     }
 
     /// Brings the displacement of all members up to date.
@@ -204,7 +204,7 @@ impl<'a> Patch<'a> {
                 self.members[i].target = None;
                 continue;
             }
-            let (shape, distance) = nearest(self.way.shapes, self.way.to, &place);
+            let (shape, distance) = nearest(self.motion.shapes, self.motion.to, &place);
             self.members[i].seen = (place, distance.value);
             self.members[i].target = (!loose || distance.value < 0.0).then(|| {
                 touches = true;
@@ -226,12 +226,12 @@ impl<'a> Patch<'a> {
         distance: &Distance,
         place: &Point3<f64>,
     ) -> NodeTarget {
-        let (form, pose) = (&self.way.shapes[shape as usize], &self.way.to[shape as usize]);
+        let (form, pose) = (&self.motion.shapes[shape as usize], &self.motion.to[shape as usize]);
         let member = &mut self.members[i];
         let stuck = member.stuck.filter(|(held_by, _)| *held_by == shape);
         let (_, stuck) = *member
             .stuck
-            .insert(stuck.unwrap_or_else(|| (shape, self.way.touch(shape, &member.start))));
+            .insert(stuck.unwrap_or_else(|| (shape, self.motion.touch(shape, &member.start))));
         let entered = (distance.value < -RUN_OVER * self.law.softness)
             .then(|| entered(form, &stuck, &pose.inverse_transform_point(place)))
             .flatten()
@@ -312,9 +312,9 @@ impl<'a> Patch<'a> {
         self.members.iter().any(|member| {
             let place = self.place(member);
             let near = member.seen.1 - (place - member.seen.0).norm();
-            self.way.ends(&member.start, &place).any(|(shape, [begin, end])| {
-                let way = (end - begin).norm();
-                way > 2.0 * depth && way > near && went_through(shape, &begin, &end, depth)
+            self.motion.ends(&member.start, &place).any(|(shape, [begin, end])| {
+                let length = (end - begin).norm();
+                length > 2.0 * depth && length > near && went_through(shape, &begin, &end, depth)
             })
         })
     }
@@ -327,8 +327,9 @@ impl<'a> Patch<'a> {
             .any(|(rank, out_of_shape)| out_of_shape.dot(&self.nodes.normal(rank)) > FOLDED)
     }
 
-    /// Depth of a shape between neighbouring cells of a grid that its flanks hold apart, with none
-    /// under it, and the depth allowed (m), if the former is larger: the shape has pierced the skin.
+    /// Depth of a shape that is wedged between two neighbouring cells of a grid and touches them with
+    /// its flanks only, and the depth allowed (m), if the former is larger: the shape has pierced the
+    /// skin.
     pub(super) fn pierced(&self) -> Option<[f64; 2]> {
         let grid = self.nodes.grid()?;
         let at_flank = |member: &&Member| {
@@ -340,7 +341,8 @@ impl<'a> Patch<'a> {
         let flanks: Vec<_> = self.members.iter().filter(at_flank).collect();
         for member in &flanks {
             let Some((shape, _)) = member.stuck else { continue };
-            let (shape, pose) = (&self.way.shapes[shape as usize], &self.way.to[shape as usize]);
+            let (shape, pose) =
+                (&self.motion.shapes[shape as usize], &self.motion.to[shape as usize]);
             let place = |member| pose.inverse_transform_point(&self.place(member));
             let (begin, allowed) = (place(member), FELT * shape.thickness());
             for rank in grid.later_neighbours(member.rank) {
@@ -381,7 +383,7 @@ impl<'a> Patch<'a> {
             let normal = target.normal;
             let along = member.force - normal * normal.dot(&member.force);
             let stretch = self.law.stick_give(self.nodes.point(member.rank)) * along;
-            let stuck = self.way.to[shape as usize].inverse_transform_point(&(place + stretch));
+            let stuck = self.motion.to[shape as usize].inverse_transform_point(&(place + stretch));
             let Member { rank, force, .. } = *member;
             (Held { rank, shape, stuck, force, normal }, place)
         };
@@ -465,8 +467,8 @@ fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix
 }
 
 /// Returns whether a node of `group`, displaced by less than `room` (m), may be near a shape.
-fn is_near(way: Move, group: &Group, room: f64) -> bool {
-    way.shapes.iter().zip(way.to).any(|(shape, pose)| {
+fn is_near(motion: Move, group: &Group, room: f64) -> bool {
+    motion.shapes.iter().zip(motion.to).any(|(shape, pose)| {
         let centre = pose.inverse_transform_point(&group.centre);
         shape.distance(&centre).value < group.radius + room
     })

@@ -157,16 +157,17 @@ mod tests {
         let moduli = Moduli { young: 3e5, poisson: 0.47 };
         let body = SoftBody::new(pad.mesh, crate::deformation::Law::default(), moduli, &pad.base);
         let model =
-            Compliance::new(body.unwrap(), ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
+            Compliance::new(body.unwrap(), ComplianceOptions { friction: 0.8, corrections: 0 })
+                .unwrap();
         let nodes = ContactNodes::new(Arc::clone(&model.condensed));
         let shapes = [Shape::Cuboid { half_extents: Vector3::repeat(6e-3) }];
         let [from, to] =
             [(0.0, 6e-3), (aside, 5.8e-3)].map(|(x, z)| [Isometry3::translation(x, 3e-4, z)]);
-        let way = Move { shapes: &shapes, from: &from, to: &to };
+        let motion = Move { shapes: &shapes, from: &from, to: &to };
         let mut scratch = NodalScratch::default();
         let law = &model.settings.law;
         let reach = [f64::INFINITY, 1e-3];
-        let patch = Patch::new(&nodes, law, way, reach, usize::MAX, &[], &mut scratch);
+        let patch = Patch::new(&nodes, law, motion, reach, usize::MAX, &[], &mut scratch);
         let mut patch = patch.unwrap();
         let sweeps = patch.settle_to(relative, mixed).unwrap();
         (patch.forces(), sweeps)

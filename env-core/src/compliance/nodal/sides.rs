@@ -1,8 +1,8 @@
 //! Influence of the sides and the curved face of a pad, by quadratic finite elements.
 //!
-//! It is what they change against a flat layer without sides that is turned with the face: the
-//! responses of the elements of the pad less those of a layer on the same nodes, whose errors are the
-//! same. Forces on single nodes are carried by linear elements too roughly for that.
+//! The influence is the response of the pad's elements less that of a flat layer without sides, turned
+//! with the face, on the same nodes: both have the same error of discretisation, which cancels. The
+//! elements are quadratic because linear ones are too inaccurate under forces on single nodes.
 //!
 //! Shapes: F nodes of the elements' face, middles of edges among them.
 

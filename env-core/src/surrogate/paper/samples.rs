@@ -138,7 +138,7 @@ pub(super) mod tests {
         let ball = Shape::Sphere { radius: 8e-3 };
         let pose = Isometry3::translation(0.5e-3, 0.0, 7.5e-3);
         let press = Press::along(vec![ball.clone()], vec![vec![pose]]).unwrap();
-        let options = ComplianceOptions { friction: gel.friction, sweeps: 0 };
+        let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
         let compliance = Compliance::new(body(&mesh, moduli).unwrap(), options).unwrap();
         let answer = compliance.solve_path(&press).pop().unwrap().unwrap();
         let flat =

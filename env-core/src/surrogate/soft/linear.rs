@@ -25,7 +25,7 @@ impl SoftBaseline {
     ) -> Result<Self> {
         let transfer = Transfer::new(&fine, model)?;
         let body = SoftBody::new(fine, Law::default(), moduli, &[])?;
-        let compliance = Compliance::free(body, ComplianceOptions { friction, sweeps: 0 })?;
+        let compliance = Compliance::free(body, ComplianceOptions { friction, corrections: 0 })?;
         Ok(Self { compliance, transfer })
     }
 

@@ -184,7 +184,8 @@ pub(super) mod tests {
         let fingers = vec![Shape::Cuboid { half_extents: half }; 2];
         let press = Press::along(fingers, vec![poses]).unwrap();
         let body = SoftBody::new(mesh.clone(), Law::default(), MODULI, &[]).unwrap();
-        let model = Compliance::free(body, ComplianceOptions { friction: 0.8, sweeps: 0 }).unwrap();
+        let model =
+            Compliance::free(body, ComplianceOptions { friction: 0.8, corrections: 0 }).unwrap();
         let answer = model.solve_path(&press).pop().unwrap().unwrap();
         let rotated = |field: &[Vector3<f64>]| field.iter().map(|v| turn * v).collect();
         let answer = Deformation {

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import read_tensors, write_tensors
 from ruffini._spaces import ACTION_SIZE, writing
-from ruffini.evaluation import Progress, evaluate
+from ruffini.evaluation import ProgressCallback, evaluate
 
 FORMAT = 1
 """Version of the file's layout."""
@@ -160,12 +160,12 @@ class Agent:
         with writing(Path(path)):
             Path(path).write_bytes(self.to_bytes())
 
-    def evaluate(self, episodes: int = 200, progress: Progress | None = None) -> None:
+    def evaluate(self, episodes: int = 200, progress: ProgressCallback | None = None) -> None:
         """Evaluate the agent in its environment, and put the result on its card.
 
         Args:
             episodes: Number of episodes, one per seed.
-            progress: Callback after every step; see `Progress`.
+            progress: Callback after every step; see `ProgressCallback`.
         """
         result = evaluate(self, self.env_id, episodes, progress=progress, **self.settings)
         self.card["evaluation"] = {k: value for k, value in result.items() if k != "env"}

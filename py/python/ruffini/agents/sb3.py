@@ -19,7 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 from ruffini import __version__
 from ruffini._settings import plain
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
-from ruffini.evaluation import Progress
+from ruffini.evaluation import ProgressCallback
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
 _HYPERPARAMETERS = (
@@ -48,7 +48,7 @@ def export(
     threads: int,
     commit: str,
     episodes: int = 200,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Agent:
     """Write a trained model as an agent, with the success rate of the exported agent.
 
@@ -62,7 +62,7 @@ def export(
         threads: Threads of the training run.
         commit: Commit of this library.
         episodes: Number of evaluation episodes, for the card.
-        progress: Callback after every step; see `Progress`.
+        progress: Callback after every step; see `ProgressCallback`.
 
     Raises:
         ValueError: If the model cannot be represented as an agent.

@@ -272,7 +272,7 @@ class Timed(VecEnvWrapper):
         return result
 
 
-class Progress(BaseCallback):
+class RunMonitor(BaseCallback):
     """Progress bar, learning curve, checkpoints, and where the time goes.
 
     The last, in ``times.json``, are seconds of this process: ``environment`` steps,
@@ -378,7 +378,7 @@ def _learn(
 
     done = model.num_timesteps
     with tqdm(total=chosen.steps, initial=done, unit=" steps", smoothing=0.1) as bar:
-        progress = Progress(folder, curve, _timed(model), agent, bar)
+        progress = RunMonitor(folder, curve, _timed(model), agent, bar)
         try:
             model.learn(chosen.steps - done, callback=progress, reset_num_timesteps=False)
         except KeyboardInterrupt:

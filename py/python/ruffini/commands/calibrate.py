@@ -22,7 +22,7 @@ from ruffini.commands.fitting import (
     RANGES,
     Curve,
     Fit,
-    Gel,
+    GelModel,
     Problem,
     Table,
     parameters,
@@ -95,7 +95,7 @@ def run(options: argparse.Namespace) -> None:
     held = {"poisson": options.poisson, "friction": options.friction, "thickness": 1.0}
     defaults = {"poisson": before["poisson"], "friction": sensor["friction"]["static"]}
     held |= {name: value for name, value in defaults.items() if held[name] is None}
-    gel = Gel(options.sensor, options.law or before["law"], options.nodes)
+    gel = GelModel(options.sensor, options.law or before["law"], options.nodes)
     for curve in curves:
         _check_unit(curve, replace(gel, element="p1-bar"), held, before["young"])
     tables = [_table(gel, curve, fitted, held) for curve in curves]
@@ -140,7 +140,7 @@ def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
     return [read_curve(path, shapes.shape(text), thickness) for path, text in pairs]
 
 
-def _check_unit(curve: Curve, gel: Gel, held: Mapping[str, float], usual: float) -> None:
+def _check_unit(curve: Curve, gel: GelModel, held: Mapping[str, float], usual: float) -> None:
     """Refuse forces that no gel bears, by a quick solve; `usual` is a likely modulus (Pa)."""
     deepest = curve.forces[-1]
     young = deepest / gel.solve(curve.indenter, curve.depths[-1:], held)[0]
@@ -153,7 +153,7 @@ def _check_unit(curve: Curve, gel: Gel, held: Mapping[str, float], usual: float)
         raise ValueError(f"{curve.name}: {text}, expected {low:g} to {high:g} Pa{hint}")
 
 
-def _table(gel: Gel, curve: Curve, fitted: list[str], held: Mapping[str, float]) -> Table:
+def _table(gel: GelModel, curve: Curve, fitted: list[str], held: Mapping[str, float]) -> Table:
     def watch(done: int, whole: int) -> None:
         end = "\n" if done == whole else ""
         text = f"\r{curve.name}: {done} of {whole} paths solved"
@@ -196,7 +196,7 @@ def _report(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]]) -> 
     )
 
 
-def _report_numbers(problem: Problem, fit: Fit, gel: Gel) -> None:
+def _report_numbers(problem: Problem, fit: Fit, gel: GelModel) -> None:
     """Print how far the table's interpolation and its mesh are off at the fit."""
     at = {**problem.held, **fit.values}
     found: dict[int, list[NDArray[np.float64]]] = {gel.nodes: [], 2 * gel.nodes: []}

@@ -125,7 +125,7 @@ def _point(place: str, row: Mapping[str, Any]) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Gel:
+class GelModel:
     """A sensor's gel but for what is fitted, and how it is solved."""
 
     sensor: str
@@ -203,7 +203,7 @@ class Table:
     @classmethod
     def solve(
         cls,
-        gel: Gel,
+        gel: GelModel,
         indenter: Shape,
         deepest: float,
         fitted: Sequence[str],

@@ -27,7 +27,7 @@ from ruffini import (
 from ruffini._plot import check
 from ruffini.commands import shapes
 from ruffini.commands.view import gel, summary
-from ruffini.viewing import Frame, Gel, Rigid, Skin
+from ruffini.viewing import Rigid, Skin, Soft, ViewerFrame
 
 _STRIDE = 1e-4
 """Longest step between two frames (m): friction depends on the path."""
@@ -191,11 +191,11 @@ def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
     return [frame for frame in frames if isinstance(frame, Deformation)]
 
 
-def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[Frame]:
+def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[ViewerFrame]:
     """Frames of a press as they are shown."""
     skin, surface = Skin(mesh), shapes.surface(shapes.shape(shape))
     for number, frame in enumerate(frames):
-        bodies: dict[str, Rigid | Gel] = {
+        bodies: dict[str, Rigid | Soft] = {
             "pad": gel(skin, frame),
             "shape": Rigid(np.concatenate(frame.pose), *surface, opacity=0.4),
         }

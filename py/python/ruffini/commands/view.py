@@ -19,7 +19,7 @@ from ruffini._spaces import check_seed
 from ruffini.commands.policy import HELP, TASK, Chosen, choose
 from ruffini.dataset import Body, Dataset, Pad, PressFrame, SoftFrame
 from ruffini.evaluation import FIRST_SEED
-from ruffini.viewing import Frame, Gel, Rigid, Skin
+from ruffini.viewing import Rigid, Skin, Soft, ViewerFrame
 
 _Floats = NDArray[Any]
 _SIDES = ("pad on -x", "pad on +x")
@@ -117,7 +117,7 @@ def run(options: argparse.Namespace) -> None:
     viewing.view((episode(chosen, seed) for seed in seeds), options.out, table=True)
 
 
-def episode(chosen: Chosen, seed: int) -> Iterator[Frame]:
+def episode(chosen: Chosen, seed: int) -> Iterator[ViewerFrame]:
     """Play an episode and show every step; the policy sees what it always sees."""
     plain: Any = gym.make(chosen.env_id, **chosen.settings).unwrapped
     names, skin = [name for name, _ in plain.channels()], plain.skin()
@@ -131,7 +131,7 @@ def episode(chosen: Chosen, seed: int) -> Iterator[Frame]:
     about = f"{task}, seed {seed}: {look['object']} of {1e3 * look['mass']:.0f} g"
     for step in itertools.count():
         title = f"{about}, {0.04 * step:.2f} s{ending}"
-        yield Frame(title, drawn.bodies(observation), drawn.values(observation, terms))
+        yield ViewerFrame(title, drawn.bodies(observation), drawn.values(observation, terms))
         if over:
             return
         parts = {name: observation[name][None] for name in names}
@@ -159,19 +159,19 @@ class _Drawn:
             # Nodes of the skin that are free to move, in the order of the channel.
             self._free = gaps.argmin(axis=0)
 
-    def bodies(self, observation: dict[str, _Floats]) -> dict[str, Rigid | Gel]:
+    def bodies(self, observation: dict[str, _Floats]) -> dict[str, Rigid | Soft]:
         """Gripper, object, both pads, and distractors and the fixture if there are any."""
         look = self.look()
         turn = np.array([0, 0, np.sin(look["tool_yaw"] / 2), np.cos(look["tool_yaw"] / 2)])
         tool = np.array([*look["tool_position"], *turn])
         pose = np.array([*look["object_position"], *look["object_quaternion"]])
-        found: dict[str, Rigid | Gel] = {name: _box(tool, *box) for name, box in _BOXES.items()}
+        found: dict[str, Rigid | Soft] = {name: _box(tool, *box) for name, box in _BOXES.items()}
         vertices, faces, stress = self._surfaces["object"]
         if stress is None:
             found["object"] = Rigid(pose, vertices, faces, opacity=0.4)
         else:
             vertices, faces, stress = self._env.surfaces()["object"]
-            found["object"] = Gel(pose, vertices, faces, stress)
+            found["object"] = Soft(pose, vertices, faces, stress)
         for number, other in enumerate(look.get("distractors", []), 1):
             name = f"distractor_{number}"
             vertices, faces, _ = self._surfaces[name]
@@ -193,7 +193,7 @@ class _Drawn:
                 found |= {name: pressed, f"{name}: face": front}
         return found
 
-    def _pad(self, pose: _Floats, k: int, observation: dict[str, _Floats], wrench: _Floats) -> Gel:
+    def _pad(self, pose: _Floats, k: int, observation: dict[str, _Floats], wrench: _Floats) -> Soft:
         assert self._skin is not None and self._rest is not None
         moved = self._skin.rest.copy()
         moved[self._free] += observation["displacement"].reshape(2, -1, 3)[k]
@@ -205,7 +205,7 @@ class _Drawn:
         far = np.linalg.norm(near, axis=2) - 0.2 * self._rest["surface"][:, 2]
         points = moved[self._free[far.argmin(axis=1)]]
         forces = viewing.traction(points, observation["traction"].reshape(2, -1, 3)[k])
-        return Gel(pose, moved, self._skin.faces, stress, markers, forces, wrench)
+        return Soft(pose, moved, self._skin.faces, stress, markers, forces, wrench)
 
     def values(self, observation: dict[str, _Floats], terms: dict[str, float]) -> _Values:
         """Curves of the terms of the reward and of all channels but fields."""
@@ -239,7 +239,7 @@ def _after(outer: _Floats, inner: _Floats) -> _Floats:
     return np.array([*place, *(s * b + t * a + np.cross(a, b)), s * t - a @ b])
 
 
-def _grasp(found: Dataset, frame: int | None) -> Iterator[Frame]:
+def _grasp(found: Dataset, frame: int | None) -> Iterator[ViewerFrame]:
     """Frames of the first grasp of a dataset, or the one of that number."""
     if frame is None:
         numbers = found.frames(found.grasps[0])
@@ -251,10 +251,10 @@ def _grasp(found: Dataset, frame: int | None) -> Iterator[Frame]:
         yield _solved(found, found[number])
 
 
-def _solved(found: Dataset, frame: dataset.Frame | SoftFrame | PressFrame) -> Frame:
+def _solved(found: Dataset, frame: dataset.Frame | SoftFrame | PressFrame) -> ViewerFrame:
     """Bodies of a frame of a dataset."""
     skin, name = Skin(found.mesh(frame.grasp)), frame.grasp.split("/")[0]
-    bodies: dict[str, Rigid | Gel] = {}
+    bodies: dict[str, Rigid | Soft] = {}
     if isinstance(frame, SoftFrame):
         bodies["object"] = gel(skin, frame.body)
         for side, finger in zip(_SIDES, frame.fingers, strict=True):
@@ -270,22 +270,22 @@ def _solved(found: Dataset, frame: dataset.Frame | SoftFrame | PressFrame) -> Fr
     return summary(f"{frame.grasp}, frame {frame.number}", bodies)
 
 
-def gel(skin: Skin, body: Body | Deformation, pose: _Floats = _HOME) -> Gel:
+def gel(skin: Skin, body: Body | Deformation, pose: _Floats = _HOME) -> Soft:
     """Soft body as drawn from its solution."""
     moved = skin.rest + np.asarray(body.displacement)[skin.nodes]
     forces = viewing.nodal(moved, np.asarray(body.contact_force)[skin.nodes])
     wrench = body.wrench if isinstance(body, (Pad, Deformation)) else None
     stress = skin.stress(np.asarray(body.von_mises))
-    return Gel(pose, moved, skin.faces, stress, None, forces, wrench)
+    return Soft(pose, moved, skin.faces, stress, None, forces, wrench)
 
 
-def summary(title: str, bodies: dict[str, Rigid | Gel], seconds: float = 0.5) -> Frame:
+def summary(title: str, bodies: dict[str, Rigid | Soft], seconds: float = 0.5) -> ViewerFrame:
     """Frame of solved bodies, with curves of their forces and stress."""
-    gels = {name: body for name, body in bodies.items() if isinstance(body, Gel)}
+    gels = {name: body for name, body in bodies.items() if isinstance(body, Soft)}
     peak = [float(body.von_mises.max()) / 1e3 for body in gels.values()]
     values: _Values = {"highest stress at a node (kPa)": peak}
     for name, body in gels.items():
         if body.wrench is not None:
             values[f"force on {name} (N)"] = list(body.wrench[:3])
             values[f"torque on {name} (N m)"] = list(body.wrench[3:])
-    return Frame(title, bodies, values, seconds)
+    return ViewerFrame(title, bodies, values, seconds)
