@@ -369,10 +369,12 @@ mod _core {
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};
 
-    use super::{Bound, CATALOGUE, PyModule, PyModuleMethods, PyResult, Viewpoint};
+    use super::{Bound, CATALOGUE, PyArray1, PyModule, PyModuleMethods, PyResult, Viewpoint};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // NumPy's interface is looked up with the first array. A Ctrl-C just then would be a panic.
+        PyArray1::<f64>::zeros(module.py(), 0, false);
         module.add("OBJECTS", CATALOGUE.to_vec())?;
         module.add("CAMERAS", Viewpoint::NAMED.map(|(name, _)| name).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))

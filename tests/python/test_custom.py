@@ -226,6 +226,8 @@ def case(**members):
     [
         (case(terms={}), r"Wrong.terms: found \{\}, expected names with finite weights"),
         (case(terms={"low": np.nan}), "Wrong.terms: found .*nan"),
+        (case(terms={"low": "x"}), "Wrong.terms: found {'low': 'x'}, expected names with finite"),
+        (case(ending=Task.ending), r"Wrong.endings: found \['down'\] and no method `ending`"),
         (case(base="Juggle"), "Wrong.base: found 'Juggle', expected one of GraspLift"),
         (case(reads=["colour"]), "observation: found colour, expected one or more of"),
         (case(reward=lambda self, state: {"high": 1}), r"reward: found \['high'\], expected .*low"),
@@ -257,6 +259,28 @@ def test_wrong_rules_say_what_was_found_and_expected(task, message):
 
     with pytest.raises(ValueError, match=message):
         step()
+
+
+@pytest.mark.parametrize(
+    ("channel", "component", "message"),
+    [
+        ("propri", TOOL, "channel: found 'propri', did you mean 'proprio'"),
+        ("proprio", "yaw rates", "component: found 'yaw rates', did you mean"),
+        ("properties", "mass", "found 'properties', expected one of proprio: .*`reads`"),
+    ],
+)
+def test_an_unknown_part_of_the_state_is_named_with_the_nearest(channel, component, message):
+    envs = CustomVectorEnv(case(reward=lambda self, state: state.part(channel, component)), 2)
+    envs.reset(seed=0)
+    with pytest.raises(KeyError, match=message):
+        envs.step(np.zeros((2, 5), np.float32))
+
+
+def test_a_rule_that_is_misspelt_is_warned_of():
+    with pytest.warns(
+        UserWarning, match="Wrong: 'is_sucess' is no rule.*did you mean 'is_success'"
+    ):
+        CustomEnv(case(is_sucess=lambda self, state: state.base_success))
 
 
 def test_what_is_no_task_is_refused():

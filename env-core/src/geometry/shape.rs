@@ -130,7 +130,7 @@ impl<'a> From<&'a mut Vector3<f64>> for Parameter<'a> {
 /// Longest allowed dimension of a shape (m), for objects of hand scale.
 const LARGEST: f64 = 1.0;
 /// Hint for meshes that are larger.
-const MILLIMETRES: &str = "a file in millimetres needs the scale 0.001";
+const UNIT: &str = "a file in millimetres needs the scale 0.001, one in centimetres 0.01";
 /// Shortest allowed dimension (m).
 const SMALLEST: f64 = 1e-5;
 
@@ -206,7 +206,7 @@ impl Shape {
                 // Six digits: the size is a difference of coordinates.
                 let size = format!("{:.5e}", surface.size()).parse().expect("a number");
                 length("mesh size", size).map_err(|error| {
-                    if surface.size() > LARGEST { error.hinting(MILLIMETRES) } else { error }
+                    if surface.size() > LARGEST { error.hinting(UNIT) } else { error }
                 })?;
             }
             Self::Sampled(sampled) => {

@@ -18,8 +18,12 @@ single environment (N = 1), a vector environment, and one for Stable-Baselines3:
 
 from __future__ import annotations
 
+import difflib
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -409,6 +413,13 @@ def _check(task: Any) -> None:
         known = ", ".join(TASKS)
         near = nearest(str(task.base), TASKS)
         raise ValueError(f"{name}.base: found {task.base!r}{near} expected one of {known}")
-    sound = isinstance(weights, Mapping) and np.isfinite(list(weights.values())).all()
-    if not (weights and sound):
+    numbers = weights.values() if isinstance(weights, Mapping) else ()
+    if not numbers or not all(isinstance(w, Real) and math.isfinite(w) for w in numbers):
         raise ValueError(f"{name}.terms: found {weights!r}, expected names with finite weights")
+    rules = [rule for rule in vars(Task) if not rule.startswith("_")]
+    for own in vars(task):
+        if own not in rules and difflib.get_close_matches(own, rules, 1, 0.8):
+            near = nearest(own, rules).rstrip("?")
+            warnings.warn(f"{name}: {own!r} is no rule of a task{near}?", stacklevel=3)
+    if task.endings and task.ending is Task.ending:
+        raise ValueError(f"{name}.endings: found {list(task.endings)} and no method `ending`")

@@ -15,7 +15,7 @@ use crate::{error::python_error, signals::interruptible};
 /// Graph network that corrects a linear solution, to approximate fine finite elements in less time.
 ///
 /// The linear elastic solution is computed first, as by LinearPad, with contact on cells of 1.3 to
-/// 0.04 mm; the network adds the effect of large strain, on the mesh of `body`. It was trained on
+/// 0.01 mm; the network adds the effect of large strain, on the mesh of `body`. It was trained on
 /// indenters of 0.5 to 40 mm. Without contact the correction is exactly zero.
 ///
 /// An OutsideTrainingWarning tells of a pad whose thickness, sides or radii, or of a gel whose
@@ -41,7 +41,7 @@ pub(crate) struct Surrogate {
 
 /// Linear elastic model of a sensor's pad that resolves small contacts.
 ///
-/// Contact is solved on one of six grids of cells, of 1.3 to 0.04 mm, chosen by the size of the
+/// Contact is solved on one of eight grids of cells, of 1.3 to 0.01 mm, chosen by the size of the
 /// contact, between which the gel responds as a bonded elastic layer; the influence of the pad's
 /// sides is that of finite elements. Displacement and stress are those of these elements under the
 /// same forces, on the mesh of `body`. Large strain is neglected. Features smaller than the finest
