@@ -13,7 +13,7 @@ from typing import Any, Literal, TypedDict
 
 import numpy as np
 
-from ruffini._schema import SETTINGS
+from ruffini._schema import SETTINGS, SHARED, TASKS
 
 Range = float | tuple[float, float]
 """Both ends of a uniform draw, or a single value."""
@@ -85,7 +85,8 @@ def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = (
         TypeError: If a setting is unknown.
         ValueError: If a value is not a finite number, a name, or a list or mapping of those.
     """
-    known = [*arguments, *SETTINGS]
+    own = (each["name"] for each in TASKS[task]["settings"])
+    known = list(dict.fromkeys([*arguments, *SHARED, *own]))
     for name in settings:
         if name not in SETTINGS:
             raise TypeError(

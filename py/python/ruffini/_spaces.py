@@ -215,6 +215,7 @@ def check_options(options: Any, known: Sequence[str] = ()) -> None:
         if name not in known:
             near = difflib.get_close_matches(str(name), [*known, *SETTINGS, "seed"], 1)
             hint = f"; did you mean {near[0]!r}, {_place(near[0], known)}?" if near else ""
+            hint = f"; it is {_place(name, known)}" if name in near else hint
             expected = f"one of {', '.join(known)}" if known else "none"
             raise ValueError(f"options: found {name!r}, expected {expected}{hint}")
 

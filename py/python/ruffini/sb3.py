@@ -42,7 +42,7 @@ _INSTEAD = {
     **dict.fromkeys(
         ("vec_env_cls", "vec_env_kwargs"), "none of them: rows are stepped on num_threads threads"
     ),
-    **dict.fromkeys(("nenvs", "num_envs"), "n_envs"),
+    **dict.fromkeys(("nenvs", "n_env", "num_env", "num_envs"), "n_envs"),
     "env_kwargs": "its entries as arguments of their own: mass=0.1",
     "start_index": "seed, that of the first row",
     "autoreset_mode": "none: the adapter needs SAME_STEP",
