@@ -1,8 +1,8 @@
 """The networks of pads by seed and size.
 
 With --data SET --runs FOLDER those are trained first that FOLDER lacks, by `ruffini network train`
-on what `ruffini dataset generate SET --config tests/reference/indentations.toml` makes, 20 to 25
-minutes on one thread each; a run that was stopped goes on. --sizes adds other widths. --papers
+on what `ruffini dataset generate SET --config tests/reference/indentations.toml` makes, about ten
+minutes on two threads each; a run that was stopped goes on. --sizes adds other widths. --papers
 GRASPS trains the paper's networks, too, which are for `pareto` and not on this page, on what
 `ruffini dataset generate GRASPS --grasps 10 --frames 10` makes. Without any of these only the page
 is made.
@@ -25,6 +25,7 @@ from engine import OUT, spread, table, text
 from engine.rows import header
 from ruffini import dataset
 from ruffini.dataset import Progress, truth_errors
+from ruffini.surrogate import evaluate
 
 ROUNDS = ["--down", "1", "1", "1", "--up", "1", "1"]
 RECIPE = ["--split", "presses", "--epochs", "80", *ROUNDS]
@@ -45,6 +46,12 @@ SAMPLE = 14
 FINER = {"truth_nodes": 900, "truth_linear_nodes": 5000, "truth_across": 14.0}
 """Presses that are solved again, and their meshes, as those of ``tests/reference/presses.py``."""
 PARTS = ("displacement", "stress", "force")
+PLACES = {
+    "in the middle, up to 70 %": (0.0, 0.7),
+    "70 to 85 %": (0.7, 0.85),
+    "at the rim, beyond 85 %": (0.85, np.inf),
+}
+"""Distances of the contact's centre from the pad's middle, in parts of the way to a side."""
 ERRORS = {"displacement": "u", "stress": "σ", "peak": "σ at the peak", "force": "net force"}
 
 
@@ -78,7 +85,37 @@ def make(options: Namespace) -> dict[str, Any] | None:
     cards = {name: options.runs / name / "card.toml" for name in RUNS}
     found = {name: tomllib.loads(f.read_text()) for name, f in cards.items() if f.exists()}
     report |= found
-    return {name: report[name] for name in (*RUNS, "truth") if name in report}
+    if options.data and "pads-0" in found:
+        report["places"] = by_place(options.data, options.runs / "pads-0/weights.safetensors")
+    return {name: report[name] for name in (*RUNS, "truth", "places") if name in report}
+
+
+def by_place(data: Path, weights: Path) -> dict[str, Any]:
+    """Median errors of a network and of its linear answer by where on the pad contact is."""
+    presses = dataset.open(data)
+    frames: dict[str, Any] = {}
+    found: dict[str, list[Any]] = {place: [] for place in PLACES}
+    for row in evaluate(weights, data):
+        frame = presses[next(frames.setdefault(row["grasp"], iter(presses.frames(row["grasp"]))))]
+        vertices = np.asarray(presses.mesh(row["grasp"]).vertices)
+        borne = np.linalg.norm(frame.pad.contact_force, axis=1)
+        centre = np.abs(borne @ vertices / borne.sum())[:2]
+        out = float((centre / vertices.max(axis=0)[:2]).max())
+        [place] = (name for name, (least, most) in PLACES.items() if least <= out < most)
+        if not row["surrogate"]["still"]:
+            found[place].append(row)
+
+    def medians(rows: list[Any], model: str) -> dict[str, float]:
+        return {part: float(np.median([row[model][part] for row in rows])) for part in PARTS}
+
+    return {
+        place: {
+            "frames": len(rows),
+            **{model: medians(rows, model) for model in ("surrogate", "linear")},
+        }
+        for place, rows in found.items()
+        if rows
+    }
 
 
 def truth(data: Path, finer: Path) -> dict[str, Any]:
@@ -236,10 +273,21 @@ BUILT = (1.6, 2.9)
 """Seconds to build a `LinearPad` before and after, Intel Xeon of 2 cores, 2 MiB of L2 each."""
 
 
+BY_PLACE: dict[str, Any] = {
+    "centre of contact": "{place}",
+    "frames": "{frames}",
+    **{
+        f"{title}, {name}": f"{{{model}[{part}]:100*.1f}}"
+        for part, title in zip(PARTS, ("u", "σ", "net force"), strict=True)
+        for model, name in (("surrogate", "network"), ("linear", "linear answer"))
+    },
+}
+
+
 def page(report: dict[str, Any]) -> str:
     """Data, spread over seeds, a table of all runs and the linear answer, errors of the truth."""
     report = dict(report)
-    known = report.pop("truth", None)
+    known, places = report.pop("truth", None), report.pop("places")
     runs = [{"name": name, "errors": card["test"]} | card for name, card in report.items()]
     rounds = [sum(run["network"]["down"]) + sum(run["network"]["up"]) for run in runs]
     columns = {
@@ -257,6 +305,7 @@ def page(report: dict[str, Any]) -> str:
         runs[0]["data"],
         seeds=over_seeds([card for name, card in report.items() if name in SEEDED]),
         runs=table(columns, rows, absent="–"),
+        places=table(BY_PLACE, [{"place": place} | of for place, of in places.items()]),
         truth="## How well the truth is known" if known else "",
         well=text(TRUTH, known) if known else "",
         side=SIDE,
