@@ -8,6 +8,7 @@ mod distance;
 mod examples;
 mod field_file;
 mod graded_pad;
+mod length;
 mod mesh_file;
 mod pad_mesh;
 mod pad_outline;

@@ -14,6 +14,7 @@ use nalgebra::{Point3, Vector3};
 use super::{
     Distance, Hollow, Rounded, Sampled, StarShaped, Surface,
     distance::{ellipsoid, solids},
+    length::{LARGEST, SMALLEST, length, less},
 };
 use crate::{Error, Result};
 
@@ -127,12 +128,8 @@ impl<'a> From<&'a mut Vector3<f64>> for Parameter<'a> {
     }
 }
 
-/// Longest allowed dimension of a shape (m), for objects of hand scale.
-const LARGEST: f64 = 1.0;
-/// Hint for meshes that are larger.
+/// Hint for meshes that are larger than [`LARGEST`].
 const UNIT: &str = "a file in millimetres needs the scale 0.001, one in centimetres 0.01";
-/// Shortest allowed dimension (m).
-const SMALLEST: f64 = 1e-5;
 
 impl Shape {
     /// A solid of each kind that its [`Shape::name`] and [`Shape::parameters`] describe. Settings,
@@ -501,26 +498,6 @@ fn capsule_profile(radius: f64, half_height: f64, segments: u32) -> Vec<[f64; 2]
     profile[0][0] = 0.0;
     profile[last][0] = 0.0;
     profile
-}
-
-pub(super) fn length(name: &str, value: f64) -> Result<()> {
-    if (SMALLEST..=LARGEST).contains(&value) {
-        return Ok(());
-    }
-    let expected = format!("a length of {SMALLEST} to {LARGEST} m");
-    Err(Error::invalid(name, format!("{value} m"), expected))
-}
-
-pub(super) fn lengths(name: &str, values: &Vector3<f64>) -> Result<()> {
-    values.iter().try_for_each(|&value| length(name, value))
-}
-
-fn less(name: &str, value: f64, than: &str, bound: f64) -> Result<()> {
-    length(name, value)?;
-    if value < bound {
-        return Ok(());
-    }
-    Err(Error::invalid(name, format!("{value} m"), format!("less than {than} ({bound} m)")))
 }
 
 #[cfg(test)]

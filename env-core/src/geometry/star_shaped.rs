@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Unit, Vector3};
 use super::{
     Surface,
     cached::Cached,
-    shape::{length, lengths},
+    length::{length, lengths},
 };
 use crate::{Error, Result};
 

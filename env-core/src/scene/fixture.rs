@@ -7,15 +7,8 @@
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use rapier3d::prelude::{
-    ColliderBuilder, ColliderHandle, InteractionGroups, InteractionTestMode, PhysicsWorld,
-};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    gripper::{OBJECT, TABLE},
-    units,
-};
 use crate::{Error, Result, geometry::Shape};
 
 /// Number of sides of a round hole.
@@ -83,19 +76,6 @@ impl Fixture {
             (self.mouth() * Isometry3::from_parts(middle.into(), turn), half)
         };
         self.walls.iter().map(of).collect()
-    }
-
-    /// Inserts the block.
-    pub(super) fn insert(&self, world: &mut PhysicsWorld) -> Vec<ColliderHandle> {
-        let groups = InteractionGroups::new(TABLE, OBJECT, InteractionTestMode::And);
-        let collider = |(pose, half): (Isometry3<f64>, Vector3<f64>)| {
-            let [x, y, z] = [half.x, half.y, half.z].map(units::scalar);
-            ColliderBuilder::cuboid(x, y, z)
-                .position(units::pose(&pose))
-                .friction(f32::MAX)
-                .collision_groups(groups)
-        };
-        self.boxes().into_iter().map(collider).map(|c| world.colliders.insert(c)).collect()
     }
 }
 

@@ -22,6 +22,8 @@ mod foundation_fit;
 mod gripper;
 mod held;
 mod hull;
+mod object;
+mod resting;
 mod setup;
 mod state;
 mod units;
@@ -32,10 +34,10 @@ pub use approach::{Approach, ApproachFailure};
 pub use catalogue::{CATALOGUE, named};
 pub use collider::ObjectModel;
 pub use config::{
-    BoundedNumber, Gripper, MOST_DISTRACTORS, Pads, Physics, SceneConfig, SceneObject, SoftPads,
-    Workspace,
+    BoundedNumber, Gripper, MOST_DISTRACTORS, Pads, Physics, SceneConfig, SoftPads, Workspace,
 };
 pub use fixture::Fixture;
 pub use foundation_fit::{FoundationError, FoundationFit, fit_foundation};
+pub use object::SceneObject;
 pub use state::{BodyState, Failure, FingerState, SceneState, WristState};
 pub use world::{Command, Scene};

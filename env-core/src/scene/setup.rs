@@ -1,6 +1,6 @@
-//! Parts of a scene beside the hand: Rapier's settings, the table, free bodies.
+//! Parts of a scene beside the hand: Rapier's settings, the table, a fixture, free bodies.
 
-use nalgebra::Unit;
+use nalgebra::{Isometry3, Unit, Vector3};
 use rapier3d::prelude::{
     CoefficientCombineRule, ColliderBuilder, ColliderHandle, FrictionModel, Group,
     IntegrationParameters, InteractionGroups, InteractionTestMode, PhysicsWorld, RigidBodyBuilder,
@@ -8,7 +8,7 @@ use rapier3d::prelude::{
 };
 
 use super::{
-    SceneConfig, SceneObject,
+    Fixture, SceneConfig, SceneObject,
     gripper::{HAND, OBJECT, TABLE},
     units,
 };
@@ -50,6 +50,19 @@ pub(super) fn table() -> ColliderBuilder {
     ColliderBuilder::halfspace(Unit::new_unchecked(Vector::Z))
         .friction(f32::MAX)
         .collision_groups(InteractionGroups::new(TABLE, OBJECT, InteractionTestMode::And))
+}
+
+/// Inserts the boxes of a fixture.
+pub(super) fn insert_fixture(world: &mut PhysicsWorld, fixture: &Fixture) -> Vec<ColliderHandle> {
+    let groups = InteractionGroups::new(TABLE, OBJECT, InteractionTestMode::And);
+    let collider = |(pose, half): (Isometry3<f64>, Vector3<f64>)| {
+        let [x, y, z] = [half.x, half.y, half.z].map(units::scalar);
+        ColliderBuilder::cuboid(x, y, z)
+            .position(units::pose(&pose))
+            .friction(f32::MAX)
+            .collision_groups(groups)
+    };
+    fixture.boxes().into_iter().map(collider).map(|c| world.colliders.insert(c)).collect()
 }
 
 /// Inserts a free body that touches the table, the hand and the `others`.

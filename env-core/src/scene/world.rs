@@ -9,7 +9,7 @@ use super::{
     SceneState, WristState, contact,
     foundation::{FixtureContact, FoundationStep, Foundations, stops},
     gripper::{HandBodies, OBJECT},
-    setup::{insert_solid, integration_parameters, table},
+    setup::{insert_fixture, insert_solid, integration_parameters, table},
     units,
 };
 use crate::{Error, Result, deformation::Wrench};
@@ -82,7 +82,8 @@ impl Scene {
         let table = world.colliders.insert(table());
         // Contact with soft pads and contact with a fixture have to be solved together.
         let fixture = config.fixture.as_ref().filter(|_| matches!(config.pads, Pads::Rigid));
-        let fixture = fixture.map(|fixture| fixture.insert(&mut world)).unwrap_or_default();
+        let fixture =
+            fixture.map(|fixture| insert_fixture(&mut world, fixture)).unwrap_or_default();
         let foundation = match &config.pads {
             Pads::Rigid => None,
             Pads::Soft(pads) => Some(Foundations::new(pads, &solids)),

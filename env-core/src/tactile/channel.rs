@@ -180,7 +180,7 @@ impl Channel {
     pub fn specs(self, skin: &Skin) -> Vec<Spec> {
         let map = |counts: [u32; 2]| vec![counts[1] as usize, counts[0] as usize];
         let vectors = |counts: [u32; 2]| [map(counts), vec![3]].concat();
-        let (thickness, stress) = (skin.thickness, MOST_STRESS * skin.moduli.young);
+        let (thickness, stress) = (skin.face.thickness, MOST_STRESS * skin.moduli.young);
         let moved = MOST_MOTION * thickness;
         let spec = |name, shape, low, high, unit| Spec { name, shape, low, high, unit };
         let resolution = &skin.resolution;
@@ -258,7 +258,7 @@ impl Channel {
         match (self, answer) {
             (Self::Image, _) => {
                 let camera = skin.camera.as_ref().expect("only sensors with colours have images");
-                camera.picture(skin, answer, shapes)
+                camera.picture(&skin.face, answer, shapes)
             }
             (Self::Depth, None) => skin.rest_depth.clone(),
             (_, None) => vec![0.0; self.size(skin)],
@@ -277,7 +277,7 @@ impl Channel {
             (Self::Wrench, Some(answer)) => flat([&answer.wrench.force, &answer.wrench.torque]),
             (Self::Slip, Some(answer)) => vec![answer.sliding],
             (Self::Depth, Some(answer)) => {
-                depth::heights(skin, &skin.view, Some(&answer.displacement))
+                depth::heights(&skin.face, &skin.view, Some(&answer.displacement))
             }
             (Self::Trust, Some(answer)) => trust(skin, answer).into(),
         }
@@ -308,7 +308,7 @@ fn trust(skin: &Skin, deformation: &Deformation) -> [f64; 3] {
     let contact = deformation.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
     let all = deformation.residual + contact;
     let share = if all > 0.0 { deformation.residual / all } else { 0.0 };
-    let most = CALIBRATED * skin.thickness;
+    let most = CALIBRATED * skin.face.thickness;
     let moved = skin.free.iter().map(|&node| deformation.displacement[node as usize].norm());
     let out_of_range = moved.fold(0.0, f64::max) > most;
     [deformation.residual, share, f64::from(u8::from(out_of_range))]

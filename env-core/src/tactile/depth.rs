@@ -7,34 +7,34 @@ use std::array::from_fn;
 
 use nalgebra::{Point3, Vector3};
 
-use super::skin::{FacePoint, PlanGrid, Skin};
+use super::face::{Face, FacePoint, PlanGrid};
 use crate::geometry::plan_shares;
 
 /// Heights of the face at the pixels of `view` (D) in m, with the nodes displaced by `displacement`
 /// (V), or at rest.
 pub(super) fn heights(
-    skin: &Skin,
+    face: &Face,
     view: &PlanGrid,
     displacement: Option<&[Vector3<f64>]>,
 ) -> Vec<f64> {
-    let mut heights = vec![-skin.thickness; (view.counts[0] * view.counts[1]) as usize];
-    cover(skin, view, displacement, |pixel, z, _| heights[pixel] = heights[pixel].max(z));
+    let mut heights = vec![-face.thickness; (view.counts[0] * view.counts[1]) as usize];
+    cover(face, view, displacement, |pixel, z, _| heights[pixel] = heights[pixel].max(z));
     heights
 }
 
 /// Calls `visit` for each pixel of `view` under each triangle of the displaced face, with the height
 /// there (m), and the triangle's corners with their shares.
 pub(super) fn cover(
-    skin: &Skin,
+    face: &Face,
     view: &PlanGrid,
     displacement: Option<&[Vector3<f64>]>,
     mut visit: impl FnMut(usize, f64, &FacePoint),
 ) {
     let place = |node: u32| {
-        let still = skin.places[node as usize];
+        let still = face.places[node as usize];
         displacement.map_or(still, |u| still + u[node as usize])
     };
-    for &corners in &skin.triangles {
+    for &corners in &face.triangles {
         cover_by(&corners.map(place), view, |pixel, z, shares| visit(pixel, z, &(corners, shares)));
     }
 }

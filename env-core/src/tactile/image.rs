@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Point3, Similarity3, Vector3};
 
 use super::{
     depth,
-    skin::{PlanGrid, Skin},
+    face::{Face, PlanGrid},
 };
 use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse, simd::vectorised};
 
@@ -36,8 +36,8 @@ pub(super) struct TactileCamera {
 }
 
 impl TactileCamera {
-    /// Prepares the picture of the pad of `skin` on the pixels of `grid`.
-    pub(super) fn new(skin: &Skin, grid: PlanGrid, response: &ImageResponse) -> Self {
+    /// Prepares the picture of `face` on the pixels of `grid`.
+    pub(super) fn new(face: &Face, grid: PlanGrid, response: &ImageResponse) -> Self {
         let half_view = [0, 1].map(|axis| 0.5 * f64::from(grid.counts[axis]) * grid.cell[axis]);
         let half_view = half_view[0].max(half_view[1]);
         let terms = response.background_terms.iter().zip(&response.background);
@@ -52,7 +52,7 @@ impl TactileCamera {
             colour.map(|c| c as f32)
         };
         Self {
-            rest: depth::heights(skin, &grid, None),
+            rest: depth::heights(face, &grid, None),
             background: grid.centres().map(at).collect(),
             response: response.clone(),
             half_view,
@@ -63,14 +63,14 @@ impl TactileCamera {
     /// Colours (P, 3) from 0 to 1 of the face deformed by objects of these `shapes`, or at rest.
     pub(super) fn picture(
         &self,
-        skin: &Skin,
+        face: &Face,
         deformation: Option<&Deformation>,
         shapes: &[&Shape],
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
         if let Some(deformation) = deformation {
             let placed: Vec<_> = shapes.iter().copied().zip(&deformation.poses).collect();
-            let heights = self.heights(skin, deformation, &placed);
+            let heights = self.heights(face, deformation, &placed);
             let raised = heights.iter().zip(&self.rest).map(|(z, rest)| (z - rest) as f32);
             let raised: Vec<_> = raised.collect();
             self.add_response(&self.smoothed(&raised), &mut colours);
@@ -82,27 +82,27 @@ impl TactileCamera {
     /// nodes touch it, and nowhere inside of one.
     fn heights(
         &self,
-        skin: &Skin,
+        face: &Face,
         deformation: &Deformation,
         objects: &[(&Shape, &Isometry3<f64>)],
     ) -> Vec<f64> {
         let displacement = Some(&deformation.displacement[..]);
         if objects.is_empty() {
-            return depth::heights(skin, &self.grid, displacement);
+            return depth::heights(face, &self.grid, displacement);
         }
         let gap = |place: &Point3<f64>| {
             let gaps = objects.iter().filter_map(|(shape, pose)| gap(shape, pose, place));
             gaps.filter(|gap| (0.0..CLOSE).contains(gap)).reduce(f64::min)
         };
         let bears =
-            deformation.contact_force.iter().zip(&deformation.displacement).zip(&skin.places);
+            deformation.contact_force.iter().zip(&deformation.displacement).zip(&face.places);
         let missing = |((force, moved), place): ((&Vector3<f64>, _), &Point3<f64>)| {
             let touches = *force != Vector3::zeros();
             touches.then(|| gap(&(place + moved))).flatten().unwrap_or_default()
         };
         let missing: Vec<f64> = bears.map(missing).collect();
-        let mut heights = vec![-skin.thickness; self.rest.len()];
-        depth::cover(skin, &self.grid, displacement, |pixel, z, (corners, shares)| {
+        let mut heights = vec![-face.thickness; self.rest.len()];
+        depth::cover(face, &self.grid, displacement, |pixel, z, (corners, shares)| {
             let raised: f64 =
                 corners.iter().zip(shares).map(|(&n, s)| s * missing[n as usize]).sum();
             heights[pixel] = heights[pixel].max(z + raised);

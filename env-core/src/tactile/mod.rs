@@ -10,6 +10,7 @@
 mod channel;
 mod config;
 mod depth;
+mod face;
 mod finger;
 mod image;
 mod model;

@@ -7,16 +7,17 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Resolution, Shell, depth, image::TactileCamera};
+use super::{
+    Resolution, Shell, depth,
+    face::{Face, FacePoint, PlanGrid},
+    image::TactileCamera,
+};
 use crate::{
     Error, Result,
     deformation::{Deformation, Moduli, SoftBody},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
-
-/// Point on the face: the corners of its triangle and their weights, which sum to 1.
-pub(super) type FacePoint = ([u32; 3], [f64; 3]);
 
 /// Deformation of the pads of both fingers, and the surface that they share.
 #[derive(Clone, Copy, Debug)]
@@ -51,16 +52,12 @@ pub fn peak_stress<'a>(answers: impl Iterator<Item = &'a Deformation>) -> f64 {
 /// Surface of a pad at rest, with precomputed interpolation weights.
 #[derive(Debug)]
 pub struct Skin {
-    /// Nodes of the mesh at rest (V).
-    pub(super) places: Vec<Point3<f64>>,
+    /// Nodes and triangles of the face.
+    pub(super) face: Face,
     /// Tetrahedra (T).
     pub(super) tets: usize,
-    /// Thickness of the pad (m).
-    pub(super) thickness: f64,
     /// Elastic moduli of the gel.
     pub(super) moduli: Moduli,
-    /// Corners of the face's triangles, counter-clockwise seen from outside.
-    pub(super) triangles: Vec<[u32; 3]>,
     /// Nodes of the surface that are free to move (S), ascending.
     pub(super) free: Vec<u32>,
     /// Nodes of the whole surface, each with an upper bound of its distance from the surface points
@@ -82,33 +79,6 @@ pub struct Skin {
     /// Camera of the tactile image, if the sensor's colours are known.
     pub(super) camera: Option<TactileCamera>,
     pub(super) resolution: Resolution,
-}
-
-/// Regular grid of cells on a centred rectangle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct PlanGrid {
-    /// Cells across and along.
-    pub(super) counts: [u32; 2],
-    /// Size of a cell (m).
-    pub(super) cell: [f64; 2],
-}
-
-impl PlanGrid {
-    /// Divides a centred rectangle of `extent` (m) into `counts` cells.
-    fn filling(extent: [f64; 2], counts: [u32; 2]) -> Self {
-        Self { counts, cell: [0, 1].map(|axis| extent[axis] / f64::from(counts[axis])) }
-    }
-
-    /// Centre of cell `i` along `axis` (m).
-    pub(super) fn centre(&self, axis: usize, i: u32) -> f64 {
-        (f64::from(i) + 0.5 - 0.5 * f64::from(self.counts[axis])) * self.cell[axis]
-    }
-
-    /// Centres of all cells (m).
-    pub(super) fn centres(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
-        let [nx, ny] = self.counts;
-        (0..ny).flat_map(move |j| (0..nx).map(move |i| [self.centre(0, i), self.centre(1, j)]))
-    }
 }
 
 impl Skin {
@@ -151,13 +121,17 @@ impl Skin {
             find("camera", [0, 1].map(|axis| pixels.centre(axis, 0)))?;
             find("camera", [0, 1].map(|axis| pixels.centre(axis, pixels.counts[axis] - 1)))?;
         }
-        let mut skin = Self {
-            shell: Shell::new(&places, &boundary, &shares),
+        let shell = Shell::new(&places, &boundary, &shares);
+        let triangles = pad.face_triangles.clone();
+        let face = Face { places, triangles, thickness: outline.thickness };
+        let image = sensor.camera.image.as_ref();
+        Ok(Self {
+            rest_depth: depth::heights(&face, &camera, None),
+            camera: image.map(|response| TactileCamera::new(&face, picture, response)),
+            face,
+            shell,
             tets: pad.mesh.tets.len(),
-            thickness: outline.thickness,
             moduli: body.moduli()[0],
-            triangles: pad.face_triangles.clone(),
-            places,
             free,
             reach,
             radius,
@@ -166,14 +140,8 @@ impl Skin {
             grid,
             view: camera,
             picture,
-            rest_depth: Vec::new(),
-            camera: None,
             resolution: resolution.clone(),
-        };
-        skin.rest_depth = depth::heights(&skin, &skin.view, None);
-        let image = sensor.camera.image.as_ref();
-        skin.camera = image.map(|response| TactileCamera::new(&skin, picture, response));
-        Ok(skin)
+        })
     }
 
     /// Young's modulus of the gel (Pa).
@@ -188,13 +156,13 @@ impl Skin {
 
     /// Rest positions of the surface nodes that the displacement channel lists (S) in m.
     pub fn surface(&self) -> Vec<Point3<f64>> {
-        self.free.iter().map(|&node| self.places[node as usize]).collect()
+        self.free.iter().map(|&node| self.face.places[node as usize]).collect()
     }
 
     /// Rest positions of the markers (M) in m.
     pub fn markers(&self) -> Vec<Point3<f64>> {
         let at = |(corners, shares): &FacePoint| {
-            let sum = |i: usize| self.places[corners[i] as usize].coords * shares[i];
+            let sum = |i: usize| self.face.places[corners[i] as usize].coords * shares[i];
             Point3::from((0..3).map(sum).sum::<Vector3<f64>>())
         };
         self.markers.iter().map(at).collect()
@@ -232,7 +200,7 @@ impl Skin {
             && self
                 .reach
                 .iter()
-                .any(|&(node, reach)| distance(&self.places[node as usize]) <= reach)
+                .any(|&(node, reach)| distance(&self.face.places[node as usize]) <= reach)
     }
 }
 

@@ -6,14 +6,15 @@
 
 use nalgebra::Vector3;
 
-use super::skin::{PlanGrid, Skin};
+use super::{face::PlanGrid, skin::Skin};
 use crate::deformation::Deformation;
 
 /// Contact force on the pad per area of each cell (G, 3) in Pa.
 pub(super) fn map(skin: &Skin, deformation: &Deformation) -> Vec<Vector3<f64>> {
     let grid = &skin.grid;
     let mut map = vec![Vector3::zeros(); (grid.counts[0] * grid.counts[1]) as usize];
-    let nodes = deformation.contact_force.iter().zip(&deformation.displacement).zip(&skin.places);
+    let nodes =
+        deformation.contact_force.iter().zip(&deformation.displacement).zip(&skin.face.places);
     for ((force, moved), place) in nodes.filter(|((force, _), _)| **force != Vector3::zeros()) {
         let traction = force / skin.cell_area();
         let [across, along] = [0, 1].map(|axis| weights(grid, axis, place[axis] + moved[axis]));

@@ -4,6 +4,7 @@
 //! A task is one file that implements [`Rules`] and stands in the list of [`Task`].
 
 mod action;
+mod checks;
 mod config;
 mod ending;
 mod faulty_sensors;
@@ -18,6 +19,7 @@ mod observation;
 mod progress;
 mod read;
 mod reward;
+mod reward_weights;
 mod schema;
 mod sensor_errors;
 mod setting;
@@ -35,7 +37,8 @@ pub use insert_peg::{InsertPeg, Insertion};
 pub use objects::{ObjectSpec, ShapeSpec};
 pub use observation::{Component, ObservationLayout, StateChannel, TACTILE_CHANNELS};
 pub use progress::Progress;
-pub use reward::{RewardTerm, RewardTerms, RewardWeights};
+pub use reward::{RewardTerm, RewardTerms};
+pub use reward_weights::RewardWeights;
 pub use schema::schema;
 pub use sensor_errors::{ErrorRange, SensorError, SensorErrors};
 pub use setting::{Range, Setting, SettingValue};

@@ -1,11 +1,6 @@
 //! Reward: a weighted mean of named terms, each in [0, 1].
 
-use std::collections::BTreeMap;
-
-use serde::Serialize;
-
-use super::{Progress, StepState, Task, TaskConfig};
-use crate::{Error, Result};
+use super::{Progress, RewardWeights, StepState, Task, TaskConfig, reward_weights::MOST};
 
 /// Computes a term, in [0, 1].
 type Evaluate = fn(&StepState, &Progress, &TaskConfig) -> f64;
@@ -80,9 +75,6 @@ pub(super) fn falling(value: f64, limit: f64) -> f64 {
     (1.0 - value / limit).clamp(0.0, 1.0)
 }
 
-/// Largest number of terms of a task.
-const MOST: usize = 8;
-
 /// Values of a task's terms in one step, in its order, each in [0, 1].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RewardTerms([f64; MOST]);
@@ -115,45 +107,5 @@ impl RewardTerms {
     pub fn reward(&self, weights: &RewardWeights) -> f64 {
         let sum: f64 = self.0.iter().zip(&weights.0).map(|(value, weight)| value * weight).sum();
         sum / weights.0.iter().sum::<f64>()
-    }
-}
-
-/// Relative weights of a task's terms, in its order.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(transparent)]
-pub struct RewardWeights(Vec<f64>);
-
-/// Name of the weights in the settings.
-const NAME: &str = "reward_weights";
-
-impl RewardWeights {
-    /// Default weights of `task`.
-    pub fn of(task: &Task) -> Self {
-        let terms = task.terms();
-        assert!(terms.len() <= MOST, "{} has more than {MOST} terms", task.name());
-        Self(terms.iter().map(|term| term.weight).collect())
-    }
-
-    /// Replaces the weights that are `given` by name; returns an error unless all belong to terms of
-    /// `task`.
-    pub(super) fn set(&mut self, given: &BTreeMap<String, f64>, task: &Task) -> Result<()> {
-        for (name, &weight) in given {
-            let Some(place) = task.terms().iter().position(|term| term.name == name) else {
-                let own: Vec<_> = task.terms().iter().map(|term| term.name).collect();
-                let expected = format!("terms of {}: {}", task.name(), own.join(", "));
-                return Err(Error::invalid(NAME, name, expected));
-            };
-            self.0[place] = weight;
-        }
-        Ok(())
-    }
-
-    /// Returns an error unless the weights are finite and not negative, and one is above zero.
-    pub(super) fn validate(&self) -> Result<()> {
-        let sound = self.0.iter().all(|weight| (0.0..=1e6).contains(weight));
-        if sound && self.0.iter().sum::<f64>() > 0.0 {
-            return Ok(());
-        }
-        Err(Error::invalid(NAME, format!("{:?}", self.0), "weights of 0 to 1e6, not all 0"))
     }
 }
