@@ -286,6 +286,25 @@ def test_every_bad_file_is_named_and_trained_on_by_nobody(folder, tmp_path):
     found(f"{second.name}: truncated", f"{first.name}: missing")
 
 
+@pytest.mark.parametrize(
+    ("file", "content", "expected"),
+    [
+        ("meshes/0.safetensors", "x", "0.safetensors: damaged"),
+        ("config.json", "{", "config.json: damaged"),
+        ("config.json", '{"seed": 3}', "config.json: not the configuration of manifest.json"),
+        ("manifest.json", "{", "manifest.json: damaged"),
+        ("manifest.json", "[]", "manifest.json: damaged, expected a JSON object"),
+    ],
+)
+def test_a_damaged_file_without_a_hash_is_named(folder, tmp_path, file, content, expected):
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    (copy / file).write_text(content)
+    done = command("inspect", str(copy))
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert expected in done.stderr, done.stderr
+
+
 def test_numbers_that_are_not_finite_are_named(folder, tmp_path):
     """As an earlier version could have stored them: the hash is that of the file."""
     import safetensors.numpy

@@ -9,6 +9,7 @@ import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
+from pathlib import Path
 from typing import Any, Literal, TypedDict
 
 import numpy as np
@@ -161,6 +162,17 @@ def naming_nearest() -> Iterator[None]:
         if message == str(error):
             raise
         raise ValueError(message) from None
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Contents of a file; a ``ValueError`` that names it if they are no JSON object."""
+    try:
+        found = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise ValueError(f"{path}: damaged, {error}") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"{path}: damaged, expected a JSON object")
+    return found
 
 
 def plain(value: Any) -> Any:

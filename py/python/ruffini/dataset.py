@@ -24,7 +24,7 @@ from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._errors import apart
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
-from ruffini._settings import naming_nearest, plain
+from ruffini._settings import counted, naming_nearest, plain, read_json
 
 __all__ = [
     "Body",
@@ -374,6 +374,7 @@ class Dataset:
         own = {f"meshes/{of['mesh']}": of for of in self.manifest["config"].get("object", [])}
         lying = {f"shards/{path.name}" for path in (self.path / "shards").glob("*")}
         found = [f"{self.path / file}: not of this dataset" for file in sorted(lying - {*listed})]
+        found += self._without_hash()
         for file, shard in listed.items():
             path = self.path / file
             if file not in lying:
@@ -394,6 +395,24 @@ class Dataset:
                 found.append(f"{path}: damaged, expected SHA-256 {mesh['sha256']}")
         return found
 
+    def _without_hash(self) -> list[str]:
+        """Defects of the configuration and of the meshes of gels or soft objects."""
+        found, file = [], self.path / "config.json"
+        try:
+            config = read_json(file)
+            if {**config, "format": None} != {**self.manifest["config"], "format": None}:
+                found.append(f"{file}: not the configuration of manifest.json")
+        except ValueError as error:
+            found.append(str(error))
+        first = {grasp if self.soft else self.gel(grasp): None for grasp in reversed(self.grasps)}
+        for of in first:
+            try:
+                if name := _not_finite(self._mesh(of)):
+                    found.append(f"{of}: mesh: {name} holds NaN or infinite numbers")
+            except (OSError, ValueError) as error:
+                found.append(str(error))
+        return list(dict.fromkeys(found))
+
     def verify(self) -> None:
         """Check shards and meshes against their hashes, and that numbers are finite.
 
@@ -401,7 +420,7 @@ class Dataset:
             ValueError: If there are `defects`; it names the files.
         """
         if found := self.defects():
-            raise ValueError("\n  ".join([f"{self.path}: {len(found)} defects", *found]))
+            raise ValueError("\n  ".join([f"{self.path}: {counted(len(found), 'defect')}", *found]))
 
     def _open(self, file: str) -> Any:
         return self._open_in(self.path, file)
@@ -409,11 +428,14 @@ class Dataset:
     @staticmethod
     def _open_in(folder: Path, file: str) -> Any:
         try:
-            from safetensors import safe_open
+            from safetensors import SafetensorError, safe_open
         except ImportError as error:
             text = 'datasets are read with safetensors: pip install "ruffini[data]"'
             raise ImportError(text) from error
-        return safe_open(folder / file, framework="numpy")
+        try:
+            return safe_open(folder / file, framework="numpy")
+        except SafetensorError as error:
+            raise ValueError(f"{folder / file}: damaged, {error}") from None
 
     def _mesh(self, grasp: str | int) -> Any:
         """Open the file of a grasp's, or a gel's, mesh."""
@@ -505,8 +527,8 @@ def _number(grasp: str) -> str:
 def _manifest(folder: Path) -> dict[str, Any]:
     path = folder / "manifest.json"
     try:
-        manifest: dict[str, Any] = json.loads(path.read_text())
-    except OSError as error:
+        manifest = read_json(path)
+    except FileNotFoundError as error:
         raise ValueError(f"{path}: {error.strerror}, expected a finished dataset") from error
     if manifest.setdefault("format", 1) not in FORMATS:
         expected = " or ".join(map(str, FORMATS))

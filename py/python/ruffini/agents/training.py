@@ -27,7 +27,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from tqdm import tqdm
 
 from ruffini._schema import TACTILE_CHANNELS
-from ruffini._settings import plain
+from ruffini._settings import plain, read_json
 from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent
 from ruffini.agents.params import Params, params
 from ruffini.agents.sb3 import from_sb3, to_sb3
@@ -110,7 +110,7 @@ def resume(
         ValueError: If the run has its steps, or its policy does not fit the settings.
     """
     torch.set_num_threads(1)
-    about = json.loads((folder / RUN).read_text())
+    about = read_json(folder / RUN)
     chosen = Params(**about.pop("params"))
     chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
     chosen = chosen.with_settings((settings or {}) | {"obs": chosen.obs})

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SimulationError as error:
         print(f"ruffini: {error}", file=sys.stderr)
         return 1
-    except ValueError as error:
+    except (ImportError, ValueError) as error:
         print(f"ruffini: {with_nearest(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
