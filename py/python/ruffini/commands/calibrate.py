@@ -314,6 +314,10 @@ def _plot(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]], path:
         [line] = left.plot(1e3 * depths, force, label=f"fit to {curve.name}")
         color = line.get_color()
         left.plot(1e3 * curve.depths, curve.forces, "o", color=color)
+        if np.isfinite(at["stiffness"]):
+            whole = problem.indentation({**fit.values, "stiffness": np.inf}, number, depths)
+            force = at["young"] * table.force(at, whole)
+            left.plot(1e3 * depths, force, ":", color=color, label="on a stand that does not yield")
         right.plot(1e3 * curve.depths, 100 * fit.errors[number], "o-", color=color, label="fit")
         others = 100 * left_out[number]
         right.plot(1e3 * curve.depths, others, "x", color=color, label="fit to all other points")
