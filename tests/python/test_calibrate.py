@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import gymnasium
@@ -14,7 +15,7 @@ pytest.importorskip("scipy", reason="the extra calibrate brings it")
 import ruffini
 from ruffini import Fem, Press, Shape, SoftBody
 from ruffini._core import read_sensor
-from ruffini.commands import main
+from ruffini.commands import main, shapes
 from ruffini.commands.fitting import Curve, GelModel, Problem, Table, read_curve, toml
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
@@ -46,11 +47,15 @@ def command(tmp_path):
 
 SENSOR = ("--sensor", "gelsight-mini")
 POINTS = [(3e-4, 0.35), (6e-4, 1.2), (9e-4, 2.6), (1.2e-3, 4.7)]
+FALLING = [(depth, force) for (depth, _), (_, force) in zip(POINTS, POINTS[::-1], strict=True)]
+FLAT = [(depth, 2 + depth) for depth, _ in POINTS]
 
 
-def measured(table, noise=0.0, seed=0):
-    """Curve of a gel of the true parameters, with relative noise."""
-    force = TRUE["young"] * table.force({**HELD, **TRUE}, DEPTHS + TRUE["offset"])
+def measured(table, noise=0.0, seed=0, stand=0.0):
+    """Curve of a gel of the true parameters, with relative noise, on a stand that yields (m/N)."""
+    ways, force = DEPTHS + TRUE["offset"], 0.0
+    for _ in range(100):
+        force = TRUE["young"] * table.force({**HELD, **TRUE}, ways - stand * force)
     force *= 1 + noise * np.random.default_rng(seed).normal(size=len(force))
     return Curve("synthetic", BALL, DEPTHS, force)
 
@@ -90,6 +95,43 @@ def test_known_parameters_are_found_again(table):
         assert abs(fit.values[name] / value - 1) < 1e-2, (name, fit.values[name])
     assert np.abs(np.concatenate(fit.errors)).max() < 1e-4
     assert np.abs(np.concatenate(problem.left_out(fit))).max() < 1e-3
+
+
+def test_the_stiffness_of_a_stand_is_found_again(table):
+    true, held = {**TRUE, "stiffness": 2e4}, {**HELD, "poisson": 0.43}
+    names = ["young", "offset", "stiffness"]
+    problem = Problem([measured(table, stand=1 / 2e4)], [table], names, held)
+    for name, value in problem.fit().values.items():
+        assert abs(value / true[name] - 1) < 1e-3, (name, value)
+    noisy = Problem([measured(table, 0.01, stand=1 / 2e4)], [table], names, held).fit()
+    for name, two in noisy.intervals.items():
+        assert two[0.95][0] < true[name] < two[0.95][1], (name, two)
+    alone = Problem([measured(table, stand=1 / 2e4)], [table], ["young", "offset"], held).fit()
+    assert np.abs(alone.errors[0]).max() > 0.01, "a rigid stand should not fit"
+
+
+def test_a_stand_without_end_of_stiffness_is_none(table):
+    curve = measured(table, 0.01)
+    rigid = Problem([curve], [table], ["young", "offset"], {**HELD, "poisson": 0.43})
+    stiff = Problem([curve], [table], ["young", "offset"], {**rigid.held, "stiffness": 1e8})
+    for name, value in rigid.fit().values.items():
+        assert stiff.fit().values[name] == pytest.approx(value, rel=1e-3), name
+    fitted = Problem([curve], [table], ["young", "offset", "stiffness"], rigid.held)
+    assert fitted.fit().intervals["stiffness"][0.95][1] == np.inf
+    values = {"young": 2e5, "offset": 0.0, "stiffness": np.inf}
+    assert fitted.forces(values)[0] == pytest.approx(rigid.forces(values)[0], rel=1e-12)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e8])
+@pytest.mark.parametrize("young", [1e4, 1e7])
+def test_stand_and_gel_share_the_way_that_was_measured(young, stiffness, table):
+    at = {**HELD, "poisson": 0.43, "young": young, "stiffness": stiffness}
+    problem = Problem([measured(table)], [table], ["young"], at)
+    ways = np.linspace(0.0, 1.5e-3, 200)
+    depths = problem.indentation({}, 0, ways)
+    again = depths + young / stiffness * table.force(at, depths)
+    assert np.abs(again - ways).max() < 1e-12
 
 
 def test_intervals_hold_the_truth_and_grow_with_noise(table):
@@ -164,11 +206,15 @@ NOT_RIGHT = {
     "depths that fall": ([POINTS[1], POINTS[0]], "found depth 0.0003 m after 0.0006 m"),
     "millimetres": ([(1e3 * d, f) for d, f in POINTS], "found a depth of 1.2 m.*seems to be in mm"),
     "micrometres": ([(1e6 * d, f) for d, f in POINTS], "a depth of 1200 m.*seems to be in µm"),
+    "centimetres": ([(1e2 * d, f) for d, f in POINTS], "a depth of 0.12 m.*seems to be in cm"),
     "too deep": ([*POINTS, (2.2e-3, 20)], "found a depth of 0.0022 m, expected at most 0.002 m"),
+    "deeper than the gel": ([(5.1e-3, 20)], "of 0.0051 m, deeper than the gel, .*thickness$"),
+    "forces that fall": (FALLING, "curve.csv: found 0.35 N at 0.0012 m after 4.7 N, expected"),
+    "one force": ([(d, 2) for d, _ in POINTS], "found 2 N at 0.0012 m after 2 N, expected forces"),
     "millinewtons": ([(d, 1e3 * f) for d, f in POINTS], "found 4700 N.*seems to be in mN"),
     "gram-force": ([(d, f / 9.81e-3) for d, f in POINTS], "479.1.* N.*seems to be in gram-force"),
     "no points": ([], "found no points"),
-    "few points": (POINTS[:2], "found 2 points for young, offset, expected at least 3"),
+    "few points": (POINTS[:2], "curve.csv: found 2 points for young, offset, expected at least 3"),
     "one point": (POINTS[:1], "found 1 point for young, offset, expected at least 3"),
 }
 
@@ -189,13 +235,19 @@ OPTIONS = {
     "expected a new file that ends in .toml": ("--out", "sensor.txt"),
     "ends in .png or .svg": ("--plot", "fit.pdf"),
     "found 2 for 1 CSV files": ("--indenter", "half-space"),
+    "found 5 N/m, expected 1000 to 1e[+]08": ("--stiffness", "5"),
 }
 
 
 @pytest.mark.parametrize("message", OPTIONS)
 def test_options_that_cannot_be_right_are_named(message, command, capsys):
     assert command(POINTS, *OPTIONS[message]) == 2
-    assert message in capsys.readouterr().err
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_an_indenter_in_millimetres_is_named():
+    with pytest.raises(ValueError, match=r"found 7.5 m, .* lengths are in m: 7.5 mm are 0.0075"):
+        shapes.shape("sphere:7.5")
 
 
 def test_a_file_without_the_columns_is_refused(tmp_path):
@@ -225,8 +277,35 @@ def test_without_scipy_one_line_says_what_to_install(command, monkeypatch, capsy
     assert 'pip install "ruffini[calibrate]"' in capsys.readouterr().err
 
 
-def test_a_gel_far_from_the_sensors_own_is_pointed_out(command, capsys):
-    assert command([(depth, force / 9.81) for depth, force in POINTS]) == 0
-    assert "are forces in N?" in capsys.readouterr().out
+WRONG = {
+    "young: found 0.0.* are forces in N. They seem to be in kgf": [
+        (d, f / 9.81) for d, f in POINTS
+    ],
+    "found a fit that is off by .* expected at most 25 %": FLAT,
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_a_fit_that_is_most_likely_wrong_is_written_only_by_force(
+    message, command, tmp_path, capsys
+):
+    out = tmp_path / "mine.toml"
+    assert command(WRONG[message], "--out", str(out)) == 2
+    printed = capsys.readouterr()
+    assert re.search(message, printed.err) and "--force" in printed.err
+    assert "[[calibration]]" not in printed.out and not out.exists()
+    assert command(WRONG[message], "--out", str(out), "--force") == 0
+    assert out.exists()
+
+
+def test_a_stand_and_a_friction_that_are_not_written_are_told(command, tmp_path, capsys):
+    out = tmp_path / "mine.toml"
+    options = ("--fit", "young", "stiffness", "--friction", "0", "--out", str(out))
+    assert command(POINTS, *options) == 0
+    printed = capsys.readouterr().out
+    assert "fitted with 0, but that of the sensor's file stays 1" in printed
+    assert re.search(r"stiffness +[\d.e+]+ N/mm", printed)
+    assert "# Of the stand, not of the gel: stiffness" in out.read_text()
+    assert json.loads(read_sensor(str(out)))["friction"]["static"] == 1.0
     assert command(POINTS) == 0
-    assert "are forces in N?" not in capsys.readouterr().out
+    assert "sensor's file stays" not in capsys.readouterr().out

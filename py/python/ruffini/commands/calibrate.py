@@ -30,10 +30,19 @@ from ruffini.commands.fitting import (
     toml,
 )
 
-_UNITS = {"young": (1e-6, " MPa"), "offset": (1e3, " mm"), "thickness": (1.0, " of the file's")}
+_UNITS = {
+    "young": (1e-6, " MPa"),
+    "offset": (1e3, " mm"),
+    "thickness": (1.0, " of the file's"),
+    "stiffness": (1e-3, " N/mm"),
+}
 """In which parameters are printed."""
-_FORCES = {"mN": 1e-3, "gram-force": 9.81e-3, "kN": 1e3}
+_FORCES = {"mN": 1e-3, "gram-force": 9.81e-3, "kgf": 9.81, "kN": 1e3}
 """Units (N) in which forces may be by mistake."""
+_OTHER = 5.0
+"""Ratio of Young's modulus to the sensor's, or its inverse, from which a file needs --force."""
+_WRONG = 0.25
+"""Largest error of the force, or of 2 % of the largest one where that is more, likewise."""
 _TIED = 0.95
 """Correlation from which two parameters are reported as not separately determined."""
 
@@ -63,16 +72,24 @@ def add_to(commands: Any) -> None:
         default=["young", "offset"],
         metavar="PARAMETER",
         help=f"young and offset if not given; {ranges} (Pa; thickness over the file's; offset in "
-        "m, added to all depths of a CSV, since the first touch is never known exactly)",
+        "m, added to all depths of a CSV, since the first touch is never known exactly; stiffness "
+        "in N/m, of all that holds gel and indenter, which yields by force over stiffness)",
     )
     parser.add_argument("--calibration", help="where to begin; the sensor's first if not given")
     parser.add_argument("--poisson", type=float, help="if not fitted; else the calibration's")
     parser.add_argument("--friction", type=float, help="if not fitted; else the sensor's at rest")
+    parser.add_argument("--stiffness", type=float, help="N/m, if not fitted; else without end")
     parser.add_argument("--law", help="material law; the calibration's if not given")
     parser.add_argument("--nodes", type=int, default=1000, help="of the mesh; 1000 if not given")
     parser.add_argument("--name", default="fitted", help="of the new calibration")
     parser.add_argument("--out", type=Path, help=".toml file for the sensor with it")
     parser.add_argument("--plot", type=Path, help=".png or .svg file for the curves")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help=f"write the material even if an error is above {100 * _WRONG:.0f} %, or its modulus "
+        f"not within {1 / _OTHER:g} to {_OTHER:g} times that of the sensor's",
+    )
     parser.set_defaults(run=run)
 
 
@@ -93,7 +110,9 @@ def run(options: argparse.Namespace) -> None:
     curves = _curves(options, sensor["outline"]["thickness"])
     parameters(curves, fitted)
     held = {"poisson": options.poisson, "friction": options.friction, "thickness": 1.0}
+    held |= {"stiffness": options.stiffness}
     defaults = {"poisson": before["poisson"], "friction": sensor["friction"]["static"]}
+    defaults |= {"stiffness": np.inf}
     held |= {name: value for name, value in defaults.items() if held[name] is None}
     gel = GelModel(options.sensor, options.law or before["law"], options.nodes)
     for curve in curves:
@@ -103,15 +122,19 @@ def run(options: argparse.Namespace) -> None:
     fit = problem.fit()
     left_out = problem.left_out(fit)
     _report(problem, fit, left_out)
-    if not 0.2 <= (ratio := fit.values["young"] / before["young"]) <= 5.0:
-        print(f"{'young':<12} {ratio:.2g} times that of {before['name']}: are forces in N?")
     _report_numbers(problem, fit, gel)
+    if options.plot is not None:
+        _plot(problem, fit, left_out, options.plot)
+    if not options.force:
+        _check_fit(problem, fit, before)
+    friction = {**held, **fit.values}["friction"]
+    if friction != (written := sensor["friction"]["static"]):
+        text = f"fitted with {friction:.3g}, but that of the sensor's file stays {written:g}: with"
+        print(f"{'friction':<12} {text} it\n{'':<12} this material gives other forces")
     material = _material(options, problem, fit, gel.law)
     print("\n[[calibration]]\n" + material, end="")
     if options.out is not None:
         _write(options, sensor, fit, material)
-    if options.plot is not None:
-        _plot(problem, fit, left_out, options.plot)
 
 
 def _check(options: argparse.Namespace, known: list[str]) -> None:
@@ -121,6 +144,10 @@ def _check(options: argparse.Namespace, known: list[str]) -> None:
         raise ValueError(f"calibration: {text}")
     if options.name in known:
         raise ValueError(f"name: found {options.name}, which the sensor has, expected a new one")
+    low, high = RANGES["stiffness"]
+    if options.stiffness is not None and not low <= options.stiffness <= high:
+        text = f"found {options.stiffness:g} N/m, expected {low:g} to {high:g}"
+        raise ValueError(f"stiffness: {text}")
     if len(options.indenter) not in (1, len(options.curves)):
         text = f"found {len(options.indenter)} for {len(options.curves)} CSV files"
         raise ValueError(f"indenter: {text}, expected one, or one for each")
@@ -146,11 +173,30 @@ def _check_unit(curve: Curve, gel: GelModel, held: Mapping[str, float], usual: f
     young = deepest / gel.solve(curve.indenter, curve.depths[-1:], held)[0]
     low, high = RANGES["young"]
     if not low <= young <= high:
-        units = [unit for unit, newtons in _FORCES.items() if low <= young * newtons <= high]
-        nearest = min(units, key=lambda u: abs(np.log(young * _FORCES[u] / usual)), default=None)
-        hint = f"; it seems to be in {nearest}" if nearest else ""
+        hint = f"; it seems to be in {unit}" if (unit := _unit(young, usual)) else ""
         text = f"found {deepest:g} N at {curve.depths[-1]:g} m, for which E would be {young:.2g} Pa"
         raise ValueError(f"{curve.name}: {text}, expected {low:g} to {high:g} Pa{hint}")
+
+
+def _unit(young: float, usual: float) -> str | None:
+    """Unit of forces that would make a modulus (Pa) most like the usual one, or none."""
+    ratios = {unit: abs(np.log(young * newtons / usual)) for unit, newtons in _FORCES.items()}
+    unit = min(ratios, key=lambda unit: ratios[unit])
+    return unit if ratios[unit] <= np.log(_OTHER) else None
+
+
+def _check_fit(problem: Problem, fit: Fit, before: Mapping[str, Any]) -> None:
+    """Refuse a fit that is far off, or of a gel that is most likely another."""
+    most = np.abs(problem.residuals(fit.values)).max()
+    if most > _WRONG:
+        text = f"found a fit that is off by {100 * most:.1f} %, expected at most {100 * _WRONG:.0f}"
+        raise ValueError(f"{text} %; no material is written without --force")
+    if not 1 / _OTHER <= (ratio := fit.values["young"] / before["young"]) <= _OTHER:
+        unit = _unit(fit.values["young"], before["young"])
+        hint = f" They seem to be in {unit}." if unit else ""
+        text = f"young: found {ratio:.2g} times that of {before['name']}"
+        text += f", expected {1 / _OTHER:g} to {_OTHER:g} times: are forces in N?{hint}"
+        raise ValueError(f"{text} No material is written without --force")
 
 
 def _table(gel: GelModel, curve: Curve, fitted: list[str], held: Mapping[str, float]) -> Table:
@@ -201,7 +247,7 @@ def _report_numbers(problem: Problem, fit: Fit, gel: GelModel) -> None:
     at = {**problem.held, **fit.values}
     found: dict[int, list[NDArray[np.float64]]] = {gel.nodes: [], 2 * gel.nodes: []}
     for number, (curve, table) in enumerate(zip(problem.curves, problem.tables, strict=True)):
-        depths = curve.depths + problem.offset(fit.values, number)
+        depths = problem.indentation(fit.values, number, curve.depths)
         depths = depths[depths > 0.0]
         # The mesh depends on the last depth.
         whole = np.union1d(depths, table.depths[-1:])
@@ -226,8 +272,11 @@ def _material(options: argparse.Namespace, problem: Problem, fit: Fit, law: str)
         f"ruffini calibrate: {len(every)} points of {measured}, {' and '.join(options.indenter)}; "
         f"fitted {values}; friction {at['friction']:.3g}; errors of at most {most:.1f} %"
     )
+    stand = f"# Of the stand, not of the gel: stiffness {_written('stiffness', at['stiffness'])}\n"
     return (
-        f"name = {json.dumps(options.name)}\nyoung = {at['young']:.0f}\n"
+        stand
+        * bool(np.isfinite(at["stiffness"]))
+        + f"name = {json.dumps(options.name)}\nyoung = {at['young']:.0f}\n"
         f"poisson = {at['poisson']:.4f}\nlaw = {json.dumps(law)}\n"
         f"source = {json.dumps(source, ensure_ascii=False)}\n"
     )
@@ -260,10 +309,15 @@ def _plot(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]], path:
     for number, (curve, table) in enumerate(zip(problem.curves, problem.tables, strict=True)):
         depths = np.linspace(0.0, curve.depths[-1], 200)
         at = {**problem.held, **fit.values}
-        force = at["young"] * table.force(at, depths + problem.offset(fit.values, number))
+        indentation = problem.indentation(fit.values, number, depths)
+        force = at["young"] * table.force(at, indentation)
         [line] = left.plot(1e3 * depths, force, label=f"fit to {curve.name}")
         color = line.get_color()
         left.plot(1e3 * curve.depths, curve.forces, "o", color=color)
+        if np.isfinite(at["stiffness"]):
+            whole = problem.indentation({**fit.values, "stiffness": np.inf}, number, depths)
+            force = at["young"] * table.force(at, whole)
+            left.plot(1e3 * depths, force, ":", color=color, label="on a stand that does not yield")
         right.plot(1e3 * curve.depths, 100 * fit.errors[number], "o-", color=color, label="fit")
         others = 100 * left_out[number]
         right.plot(1e3 * curve.depths, others, "x", color=color, label="fit to all other points")

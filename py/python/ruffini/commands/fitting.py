@@ -3,7 +3,9 @@
 In quasi-statics the force F of a rigid indenter on a gel of Young's modulus E is E times a function
 of the geometry, Poisson's ratio and Coulomb's coefficient. So finite elements are solved once, for
 one E, on a grid of what else is fitted (`Table`), and the fit interpolates: by cubic splines
-through (F/E)^(2/3), which under a ball is nearly straight in depth.
+through (F/E)^(2/3), which under a ball is nearly straight in depth. What holds the gel and the
+indenter may yield, as a spring of stiffness k in series: of a measured way w the gel takes d, and
+d + F(d)/k = w.
 
 The fit minimises the squares of errors relative to F + 2 % of the curve's largest force. Its
 intervals are those of the profile likelihood with unknown noise: a value lies inside if the sum of
@@ -43,13 +45,16 @@ RANGES = {
     "friction": (0.0, 2.0),
     "thickness": (0.8, 1.25),
     "offset": (-3e-4, 3e-4),
+    "stiffness": (1e3, 1e8),
 }
-"""Range of a parameter: Pa; 1; 1; times that of the sensor's file; m, added to each depth."""
+"""Range of a parameter: Pa; 1; 1; times that of the sensor's file; m, added to each depth; N/m."""
 GRIDS = {
     "poisson": (0.3, 0.4, 0.45, 0.475, 0.495),
     "friction": (0.0, 0.2, 0.5, 1.0, 2.0),
     "thickness": (0.8, 1.0, 1.25),
 }
+_SEVERAL = (*GRIDS, "stiffness")
+"""Parameters for which a fit begins at several values."""
 STEP = 1e-4
 """Longest step between two depths of a table (m)."""
 _FLOOR = 0.02
@@ -58,8 +63,12 @@ _YOUNG = 1e6
 """Young's modulus with which tables are solved (Pa)."""
 _DEEPEST = 0.5
 """Share of the gel's thickness to which it may be pressed."""
-_LENGTHS = {"mm": 1e-3, "µm": 1e-6, "cm": 1e-2}
-"""Units (m) in which depths may be by mistake, the likeliest first."""
+_SHALLOWEST = 0.05
+"""Share of the gel's thickness that the last depth has at least, where its unit is guessed."""
+_FALL = 0.25
+"""Share of the largest force by which a force may lie below one at a smaller depth."""
+_LENGTHS = {"cm": 1e-2, "mm": 1e-3, "µm": 1e-6}
+"""Units (m) in which depths may be by mistake, the largest first."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
 
     Raises:
         ValueError: If a column or a number is missing, depths do not increase, a force is
-            negative, or a depth is beyond half of the gel.
+            negative, forces do not grow, or a depth is beyond half of the gel.
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = csv.DictReader((line for line in file if line[0] != "#"), skipinitialspace=True)
@@ -102,10 +111,19 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
         text = f"found depth {depths[first + 1]:g} m after {depths[first]:g} m"
         raise ValueError(f"{path}, point {first + 2}: {text}, expected depths that increase")
     if depths[-1] > (most := _DEEPEST * thickness) * (1 + 1e-9):
-        units = (u for u, m in _LENGTHS.items() if 0.01 * thickness <= depths[-1] * m <= most)
+        least = _SHALLOWEST * thickness
+        units = (u for u, m in _LENGTHS.items() if least <= depths[-1] * m <= most)
         hint = f"; it seems to be in {unit}" if (unit := next(units, None)) else ""
+        deeper = ", deeper than the gel" if not hint and depths[-1] > thickness else ""
         text = f"expected at most {most:g} m, half of the gel's thickness{hint}"
-        raise ValueError(f"{path}: found a depth of {depths[-1]:g} m, {text}")
+        raise ValueError(f"{path}: found a depth of {depths[-1]:g} m{deeper}, {text}")
+    highest = np.maximum.accumulate(forces)
+    # The last of the deepest falls: of a constant force the last point.
+    worst = len(forces) - 1 - int(np.argmax((highest - forces)[::-1]))
+    fall = highest[worst] - forces[worst]
+    if forces[1:].size and (forces[-1] <= forces[0] or fall > _FALL * highest[-1]):
+        text = f"found {forces[worst]:g} N at {depths[worst]:g} m after {highest[worst]:g} N"
+        raise ValueError(f"{path}: {text}, expected forces that grow with depth")
     return Curve(str(path), indenter, depths, forces)
 
 
@@ -264,7 +282,8 @@ def parameters(curves: Sequence[Curve], fitted: Sequence[str]) -> list[str]:
     if "offset" in fitted:
         names += [f"offset {n}" for n in range(1, len(curves) + 1)] if curves[1:] else ["offset"]
     if (points := sum(len(curve.depths) for curve in curves)) <= len(names):
-        text = f"found {points} point{'s' * (points > 1)} for {', '.join(names)}"
+        files = ", ".join(curve.name for curve in curves)
+        text = f"{files}: found {points} point{'s' * (points > 1)} for {', '.join(names)}"
         raise ValueError(f"{text}, expected at least {len(names) + 1}")
     return names
 
@@ -281,7 +300,7 @@ class Problem:
     ):
         self.curves, self.tables, self.held = curves, tables, held
         self.names = parameters(curves, fitted)
-        self._logs = np.array([name == "young" for name in self.names])
+        self._logs = np.array([name in ("young", "stiffness") for name in self.names])
         ranges = [RANGES[name.split()[0]] for name in self.names]
         ends = [np.log(two) if log else two for two, log in zip(ranges, self._logs, strict=True)]
         self._low, high = np.array(ends).T
@@ -292,19 +311,33 @@ class Problem:
         """Force (D,) in N of each curve."""
         at = {**self.held, **values}
         return [
-            at["young"] * table.force(at, curve.depths + self.offset(values, number))
+            at["young"] * table.force(at, self.indentation(values, number, curve.depths))
             for number, (curve, table) in enumerate(zip(self.curves, self.tables, strict=True))
         ]
 
-    def offset(self, values: Mapping[str, float], number: int) -> float:
-        """Offset that is added to the depths of a curve (m)."""
-        return values.get("offset", values.get(f"offset {number + 1}", 0.0))
+    def indentation(self, values: Mapping[str, float], number: int, depths: _Array) -> _Array:
+        """Depth (D,) to which a curve's gel is pressed (m) at depths as they are measured (D,)."""
+        from scipy.optimize import newton
+
+        at, table = {**self.held, **values}, self.tables[number]
+        offset = values.get("offset", values.get(f"offset {number + 1}", 0.0))
+        ways = (depths + offset).clip(0.0)
+        if (compliance := at["young"] / at.get("stiffness", math.inf)) == 0.0:
+            return ways
+
+        def excess(depths: _Array) -> _Array:
+            left: _Array = depths + compliance * table.force(at, depths) - ways
+            return left
+
+        # It is convex and grows, so that the secant method from above comes down to the root.
+        found: _Array = newton(excess, ways, tol=1e-12, maxiter=200)
+        return found
 
     def fit(self, levels: Sequence[float] = (0.68, 0.95)) -> Fit:
         """Fit the parameters, from several starts."""
         from scipy.stats import t as student
 
-        several = [(0.2, 0.5, 0.8) if name in GRIDS else (0.5,) for name in self.names]
+        several = [(0.2, 0.5, 0.8) if name in _SEVERAL else (0.5,) for name in self.names]
         starts = [np.array(start) for start in itertools.product(*several)]
         best = min((self._least(start) for start in starts), key=lambda least: least.squares)
         freedom = self._points - len(self.names)
@@ -344,7 +377,7 @@ class Problem:
         )
 
     def _values(self, unit: _Array) -> dict[str, float]:
-        """Values of the parameters from 0 to 1 in their ranges, that of E by its logarithm."""
+        """Values of the parameters from 0 to 1 in their ranges, of some by their logarithm."""
         values = self._low + self._width * unit
         values[self._logs] = np.exp(values[self._logs])
         return dict(zip(self.names, values.tolist(), strict=True))

@@ -55,7 +55,12 @@ def shape(text: str) -> Shape:
         [next(numbers) for _ in example] if isinstance(example, list) else next(numbers)
         for _, example in _LENGTHS[name]
     ]
-    found: Shape = getattr(Shape, name.replace("-", "_"))(*lengths)
+    try:
+        found: Shape = getattr(Shape, name.replace("-", "_"))(*lengths)
+    except ValueError as error:
+        longest = max(map(float, words), default=0.0)
+        hint = f"; lengths are in m: {longest:g} mm are {longest / 1e3:g}" if longest > 1 else ""
+        raise ValueError(f"{error}{hint}") from None
     return found.rounded(radius(edge)) if edge else found
 
 
