@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -83,6 +84,27 @@ def test_a_run_goes_on(run, tmp_path, capsys):
     ):
         assert command(*wrong, "--steps", 1000, "--resume", "--out", folder) == 2
         assert text in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["run.json", "checkpoint/curve.json", "checkpoint/model.zip", "checkpoint/normaliser.pkl"],
+)
+def test_a_damaged_file_of_a_run_is_named(run, tmp_path, capsys, file):
+    shutil.copytree(run, tmp_path / "run")
+    for content in ("{", "{}") if file == "run.json" else ("{",):
+        (tmp_path / "run" / file).write_text(content)
+        words = ["train", "HoldStill", "--resume", "--steps", 1000, "--out", tmp_path / "run"]
+        assert command(*words) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"ruffini: {tmp_path / 'run' / file}: damaged, "), said
+        assert said.count("\n") == 1, said
+
+
+def test_settings_are_checked_before_pytorch_is_loaded(tmp_path):
+    words = ["train", "HoldStill", "--settings", '{"lod": 1}', "--out", tmp_path / "none"]
+    done = without_torch("agent", *words)
+    assert done.returncode == 2 and "did you mean 'load'?" in done.stderr, done.stderr
 
 
 def test_what_only_the_value_function_sees_is_not_the_agents(tmp_path):

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -294,6 +295,7 @@ def test_every_bad_file_is_named_and_trained_on_by_nobody(folder, tmp_path):
         ("config.json", '{"seed": 3}', "config.json: not the configuration of manifest.json"),
         ("manifest.json", "{", "manifest.json: damaged"),
         ("manifest.json", "[]", "manifest.json: damaged, expected a JSON object"),
+        ("manifest.json", "{}", "manifest.json: damaged, found no config"),
     ],
 )
 def test_a_damaged_file_without_a_hash_is_named(folder, tmp_path, file, content, expected):
@@ -303,6 +305,62 @@ def test_a_damaged_file_without_a_hash_is_named(folder, tmp_path, file, content,
     done = command("inspect", str(copy))
     assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
     assert expected in done.stderr, done.stderr
+
+
+def with_tensors(file, **tensors):
+    """Write a file of safetensors that lacks what it should hold."""
+    import safetensors.numpy
+
+    safetensors.numpy.save_file(tensors, file)
+
+
+def with_a_wrong_corner(file):
+    """Write a mesh with a tetrahedron at a vertex that is not there."""
+    import safetensors.numpy
+
+    arrays = safetensors.numpy.load_file(file)
+    arrays["tets"][-1, -1] = len(arrays["vertices"])
+    safetensors.numpy.save_file(arrays, file)
+
+
+@pytest.mark.parametrize("words", [["inspect"], ["export", "0", "a.npz"], ["plot", "-o", "a.png"]])
+@pytest.mark.parametrize(
+    ("damage", "expected"),
+    [
+        (lambda file: file.write_text("x"), "damaged, Error while deserializing"),
+        (lambda file: with_tensors(file, other=np.zeros(3)), "damaged, File does not contain"),
+        (with_a_wrong_corner, "damaged, mesh from arrays: tetrahedron"),
+        (lambda file: file.unlink(), ""),
+    ],
+)
+def test_a_damaged_mesh_is_named(folder, tmp_path, monkeypatch, capsys, words, damage, expected):
+    if words[0] == "plot":
+        pytest.importorskip("matplotlib")
+    shutil.copytree(folder, tmp_path / "copy")
+    file = tmp_path / "copy/meshes/0.safetensors"
+    damage(file)
+    monkeypatch.chdir(tmp_path)
+    assert main(["dataset", words[0], str(tmp_path / "copy"), *words[1:]]) == 2
+    said = capsys.readouterr().err
+    assert str(file) in said and expected in said, said
+    assert said.count("\n") == 1 + (words[0] == "inspect"), said
+
+
+def test_a_shard_without_its_tensors_is_named(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "copy")
+    shard = min(tmp_path.glob("copy/shards/*"))
+    with_tensors(shard, other=np.zeros(3))
+    data = dataset.open(tmp_path / "copy")
+    with pytest.raises(ValueError, match=f"{shard}: damaged, File does not contain tensor"):
+        list(data)
+
+
+def test_a_split_that_a_dataset_does_not_have_is_named_before_it_is_read(tmp_path):
+    """Of a dataset whose pads do not fit the network, which was all that was said."""
+    data = Path(__file__).parents[1] / "reference/grasps"
+    with pytest.raises(ValueError, match=r"found novel-13, did you mean 'novel-14'\? expected one"):
+        surrogate.train(data, tmp_path / "run", split="novel-13")
+    assert not (tmp_path / "run").exists()
 
 
 def test_numbers_that_are_not_finite_are_named(folder, tmp_path):
@@ -508,7 +566,9 @@ def test_a_frame_is_written_for_paraview(data, folder, tmp_path):
 
 def test_distributions_are_drawn_by_family(data, folder, tmp_path):
     pytest.importorskip("matplotlib")
-    assert command("plot", str(folder), "-o", str(tmp_path / "a.svg")).returncode == 0
+    assert (
+        command("plot", str(folder), "-o", str(tmp_path / "a.svg")).stdout == f"{tmp_path}/a.svg\n"
+    )
     text = (tmp_path / "a.svg").read_text()
     assert text.rstrip().endswith("</svg>")
     columns = by_family(data)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import resource
+import sys
 import time
 from pathlib import Path
 
@@ -138,6 +139,28 @@ def test_what_cannot_be_written_is_named_in_one_line(words, box, closed, capsys)
     line = refused([places.get(word, word) for word in words], capsys)
     assert f"{closed}/a" in line
     assert "ermission denied" in line or "not permitted" in line, line
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "words"),
+    [
+        ("safetensors", "data", ["dataset", "inspect", "GRASPS"]),
+        ("safetensors", "data", ["dataset", "export", "GRASPS", "0", "a.npz"]),
+        ("matplotlib", "data", ["dataset", "plot", "GRASPS", "-o", "a.png"]),
+        ("matplotlib", "data", ["sensor", "check", "digit", "--plot", "a.png"]),
+        ("viser", "viz", ["view", "GRASPS", "--out", "a.html"]),
+        ("imageio_ffmpeg", "video", ["play", "--policy", "random", "--video", "a.mp4"]),
+    ],
+)
+def test_a_package_that_is_missing_is_named_with_its_extra(
+    package, extra, words, tmp_path, monkeypatch, capsys
+):
+    grasps = str(Path(__file__).parents[1] / "reference/grasps")
+    monkeypatch.chdir(tmp_path)
+    for name in {package, *(name for name in sys.modules if name.startswith(f"{package}."))}:
+        monkeypatch.setitem(sys.modules, name, None)
+    line = refused([grasps if word == "GRASPS" else word for word in words], capsys)
+    assert f"ruffini[{extra}]" in line, line
 
 
 def test_ten_thousand_environments_are_made_and_step():

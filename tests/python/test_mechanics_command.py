@@ -12,7 +12,8 @@ import pytest
 from bodies import BALL, ball_at
 
 import ruffini
-from ruffini import Fem, Press
+from ruffini import Fem, Press, PressError
+from ruffini.commands import main
 
 
 def command(*words: str) -> subprocess.CompletedProcess[str]:
@@ -28,7 +29,9 @@ def test_the_command_presses_and_writes_a_file(tmp_path):
     file = tmp_path / "frame.vtu"
     done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.0005", "--out", str(file))
     assert done.returncode == 0, done.stderr
-    table = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    *lines, written = done.stdout.splitlines()
+    assert written == str(file)
+    table = dict(line.split(maxsplit=1) for line in lines)
     assert list(table) == ["force", "indentation", "iterations", "residual", "seconds"]
     assert table["indentation"] == "0.5000 mm"
     body = ruffini.sensor("gelsight-mini", resolution=400)
@@ -44,6 +47,7 @@ def test_the_command_presses_and_writes_a_file(tmp_path):
 def test_the_command_compares_with_quadratic_elements():
     done = command(*PRESS, "--shape", "sphere:0.004", "--depth", "0.0001", "--check")
     assert done.returncode == 0, done.stderr
+    assert " in 1 frame\n" in done.stdout
     row = done.stdout.splitlines()[-1]
     body = ruffini.sensor("gelsight-mini", resolution=400)
     answers = (Fem(body, element=e).solve(Press(BALL, [ball_at(0, 1e-4)]))[0] for e in ELEMENTS)
@@ -67,7 +71,7 @@ def test_the_command_draws(tmp_path):
     picture = tmp_path / "press.png"
     words = ["--shape", "sphere:0.004", "--depth", "0.0003", "--plot", str(picture)]
     done = command(*PRESS, *words)
-    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == str(picture), done.stderr
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -111,6 +115,26 @@ def test_errors_are_of_answers_on_one_mesh():
         ValueError, match=r"answer: found one on .* nodes, expected .* the reference"
     ):
         ruffini.relative_error(other, there)
+
+
+def test_what_cannot_be_written_is_refused_before_the_press_is_solved(monkeypatch, capsys):
+    monkeypatch.setattr("ruffini.commands.press._pressed", None)
+    words = [*PRESS, "--shape", "sphere:0.004", "--depth", "1e-4", "--out"]
+    for out, text in (("a.txt", ".vtu or .npz"), ("none/a.vtu", "make the folder none first")):
+        assert main([*words, out]) == 2
+        assert text in capsys.readouterr().err
+
+
+def test_a_force_that_is_not_reached_is_told_with_the_thickness(monkeypatch, capsys):
+    class LostError(PressError):
+        kind = "unreachable"
+
+    monkeypatch.setattr(
+        Fem, "solve_path", lambda *_: [LostError("force 9 N not reached")], raising=True
+    )
+    assert main([*PRESS, "--shape", "sphere:0.004", "--force", "9"]) == 1
+    told = "force 9 N not reached; the gel is 4 mm thick: give a smaller --force"
+    assert capsys.readouterr().err == f"ruffini: {told}\n"
 
 
 def test_the_command_says_when_a_press_is_not_solved():

@@ -143,6 +143,12 @@ def test_the_size_that_fits_the_gripper_is_named(tmp_path, capsys):
     assert "give size below 0.80" in said
 
 
+def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):
+    for words in (["mesh"], ["press", "--sensor", "digit", "--depth", "1e-4", "--shape"]):
+        assert main([*words, "none.obj"]) == 2
+        assert capsys.readouterr().err.startswith("ruffini: none.obj: no such file")
+
+
 def test_random_bytes_are_no_stl_file(tmp_path, capsys):
     file = tmp_path / "junk.stl"
     file.write_bytes(np.random.default_rng(0).bytes(5000))

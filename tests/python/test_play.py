@@ -175,6 +175,40 @@ def test_it_names_bad_input(file, tmp_path, words, text):
     assert done.stderr.count("ruffini: ") == 1 or "usage: " in done.stderr
 
 
+@pytest.mark.parametrize("words", [["--episodes", "0"], ["--seed", "-1"], ["--threads", "0"]])
+@pytest.mark.parametrize("of", [["play"], ["agent", "evaluate", "random"]])
+def test_numbers_are_checked_before_anything_is_loaded(monkeypatch, capsys, of, words):
+    for command in ("play", "agent"):
+        monkeypatch.setattr(f"ruffini.commands.{command}.choose", None)
+    assert commands.main([*of, *words]) == 2
+    assert f"{words[0][2:]}: found {words[1]}, expected" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "usage", "text"),
+    [
+        (["play", "--polcy", "scripted"], "play", "arguments: --polcy, did you mean '--policy'?"),
+        (["play", "--polcy=random"], "play", "--polcy=random, did you mean '--policy'?"),
+        (["agent", "train", "GraspLift", "--stps", "3"], "agent train", "did you mean '--steps'?"),
+        (["play", "GraspLift", "HoldStill"], "play", "unrecognized arguments: HoldStill\n"),
+        (
+            ["ply"],
+            "",
+            "argument command: found 'ply', did you mean 'play'? expected one of play, vi",
+        ),
+        (["agent", "trin"], "agent", "did you mean 'train'? expected one of train, evaluate"),
+        (["network", "train", "a", "b", "--variant", "sft"], "network train", "mean 'soft'?"),
+    ],
+)
+def test_the_nearest_option_or_command_is_named(words, usage, text, capsys):
+    with pytest.raises(SystemExit) as ended:
+        commands.main(words)
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and text in said, said
+    assert said.startswith(f"usage: {' '.join(['ruffini', usage]).strip()} [-h]"), said
+    assert "demo" not in said
+
+
 def test_a_task_without_an_agent_is_said_to_have_none():
     for task in TASKS:
         if f"{task}-v0" not in agents.names():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -91,6 +93,17 @@ def test_a_camera_that_is_none_is_refused(camera, message):
     if camera is not None:
         with pytest.raises(ValueError, match=message):
             env.render(camera)
+
+
+def test_a_camera_or_a_row_that_is_none_is_refused_without_a_render_mode():
+    env, envs = GraspLiftEnv(tactile="none"), GraspLiftVectorEnv(3, tactile="none")
+    for draw in (env.render, envs.render, partial(envs.picture, 0)):
+        assert draw() is None and draw("wrist") is None
+        with pytest.raises(ValueError, match="found 'wrst', did you mean 'wrist'"):
+            draw("wrst")
+    for row in (-1, 3):
+        with pytest.raises(IndexError, match=f"row: found {row}, expected 0 to 2"):
+            envs.picture(row)
 
 
 def ink(picture) -> np.ndarray:

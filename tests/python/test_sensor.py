@@ -45,6 +45,8 @@ def test_the_template_is_a_sensor_as_it_is(file, capsys):
     env.step(env.action_space.sample())
     assert main(["sensor", "template", "--out", str(file)]) == 2
     assert "exists" in capsys.readouterr().err
+    assert main(["sensor", "template", "--out", str(file.with_suffix(".txt"))]) == 2
+    assert "expected a name that ends in .toml" in capsys.readouterr().err
     main(["sensor", "template"])
     assert capsys.readouterr().out == sensor_template() == file.read_text()
 
@@ -63,6 +65,16 @@ def test_the_check_sums_a_sensor_up_and_draws_it(file, capsys):
     assert abs(float(rows["stiffness"].split()[0]) / force - 1) < 0.01
     assert rows["tactile"] == "surrogate, compliance, fem"
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_options_of_the_check_are_refused_before_anything_is_solved(file, capsys):
+    for words, text in (
+        (["--plot", "a.xyz"], "plot: found a.xyz, expected a name that ends in .png or .svg"),
+        (["--nodes", "3"], "nodes: found 3 without --fit"),
+    ):
+        assert main(["sensor", "check", str(file), *words]) == 2
+        out, err = capsys.readouterr()
+        assert text in err and out == ""
 
 
 def test_the_check_names_all_that_is_wrong_at_once(file, capsys):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def draw(data: Dataset, path: str | PathLike[str]) -> None:
         axes = figure.add_subplot(grid[divmod(place, 2)])
         _boxes(axes, {name: of[key] for name, of in columns.items()}, label)
     _unsolved(figure.add_subplot(grid[2, :]), data)
-    figure.suptitle(f"{len(data)} frames of {len(data.grasps)} grasps")
+    figure.suptitle(f"{counted(len(data), 'frame')} of {counted(len(data.grasps), 'grasp')}")
     with writing(Path(path)):
         figure.savefig(path, dpi=130)
 

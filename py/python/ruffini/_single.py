@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 import gymnasium as gym
@@ -15,6 +16,7 @@ from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
     NO_LIMIT,
+    RENDER_MODES,
     Camera,
     Observation,
     Renderer,
@@ -47,7 +49,10 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         ValueError: If one is of the wrong type or out of range.
     """
 
-    metadata = metadata({})
+    # Without pygame "human" gets to the constructor, whose error says what to install.
+    metadata = metadata({}) | (
+        {} if find_spec("pygame") else {"render_modes": [*RENDER_MODES, "human"]}
+    )
     _ARGUMENTS = ("render_mode", "obs", "width", "height", "camera")
 
     def __init__(
@@ -133,6 +138,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: If there is no such camera.
         """
+        self._renderer.view(camera)
         if self.render_mode is None:
             return None
         warn_of_unseen_window()

@@ -128,8 +128,11 @@ class Renderer:
         self.camera = as_camera(camera)
 
     def draw(self, batch: Batch, row: int, camera: Camera | None = None) -> RenderFrame:
-        view = self.camera if camera is None else as_camera(camera)
-        return batch.render(row, self.width, self.height, view)
+        return batch.render(row, self.width, self.height, self.view(camera))
+
+    def view(self, camera: Camera | None) -> str | tuple[list[float], list[float], float]:
+        """The usual camera, or another one; a ``ValueError`` if there is no such camera."""
+        return self.camera if camera is None else as_camera(camera)
 
 
 def as_camera(camera: Camera) -> str | tuple[list[float], list[float], float]:

@@ -245,13 +245,22 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
 
     def render(self, camera: Camera | None = None) -> tuple[RenderFrame, ...] | None:
         """One picture (height, width, 3) per row, or ``None`` without a render mode."""
+        self._renderer.view(camera)
         if self.render_mode is None:
             return None
         rows = range(self.num_envs)
         return tuple(self._renderer.draw(self._batch, row, camera) for row in rows)
 
     def picture(self, row: int, camera: Camera | None = None) -> RenderFrame | None:
-        """Picture (height, width, 3) of one row, or ``None`` without a render mode."""
+        """Picture (height, width, 3) of one row, or ``None`` without a render mode.
+
+        Raises:
+            IndexError: If there is no such row.
+            ValueError: If there is no such camera.
+        """
+        if not 0 <= row < self.num_envs:
+            raise IndexError(f"row: found {row}, expected 0 to {self.num_envs - 1}")
+        self._renderer.view(camera)
         return None if self.render_mode is None else self._renderer.draw(self._batch, row, camera)
 
     def state(self) -> list[bytes]:

@@ -10,6 +10,7 @@ import hashlib
 import json
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, product
@@ -48,6 +49,7 @@ FORMATS = (1, 2)
 """Readable versions of a dataset's files; version 2 is written."""
 _SIDES = ("first", "second")
 _OF_A_PAD = ("wrench", "press", "pose")
+_OF_A_MANIFEST = {"config": dict, "shards": list, "splits": dict, "unsolved": list}
 
 
 @dataclass(frozen=True)
@@ -289,7 +291,10 @@ class Dataset:
         if not 0 <= place < len(self):
             raise IndexError(f"frame: found {index}, expected less than {len(self)}")
         number = bisect_right(self._starts, place) - 1
-        return self._frame(*self._grasps[number], place - self._starts[number])
+        file, grasp = self._grasps[number]
+        self._tensors(file)
+        with _reading(self.path / file):
+            return self._frame(file, grasp, place - self._starts[number])
 
     def __iter__(self) -> Iterator[Frame | SoftFrame | PressFrame]:
         return (self[index] for index in range(len(self)))
@@ -354,8 +359,7 @@ class Dataset:
             KeyError: If there is no such grasp.
             IndexError: If there is no such gel.
         """
-        tensors = self._mesh(grasp)
-        return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
+        return self._mesh(self._mesh_file(grasp))
 
     def plan(self, grasp: str) -> dict[str, Any]:
         """Drawn parameters of a grasp: ``tool``, ``width``, ``force``, ``shear``, ``twist``, ...
@@ -404,14 +408,14 @@ class Dataset:
                 found.append(f"{file}: not the configuration of manifest.json")
         except ValueError as error:
             found.append(str(error))
-        first = {grasp if self.soft else self.gel(grasp): None for grasp in reversed(self.grasps)}
-        for of in first:
+        for mesh in dict.fromkeys(map(self._mesh_file, self.grasps)):
             try:
-                if name := _not_finite(self._mesh(of)):
-                    found.append(f"{of}: mesh: {name} holds NaN or infinite numbers")
+                if name := _not_finite(self._tensors(mesh)):
+                    found.append(f"{self.path / mesh}: {name} holds NaN or infinite numbers")
+                self._mesh(mesh)
             except (OSError, ValueError) as error:
                 found.append(str(error))
-        return list(dict.fromkeys(found))
+        return found
 
     def verify(self) -> None:
         """Check shards and meshes against their hashes, and that numbers are finite.
@@ -428,27 +432,29 @@ class Dataset:
     @staticmethod
     def _open_in(folder: Path, file: str) -> Any:
         try:
-            from safetensors import SafetensorError, safe_open
+            from safetensors import safe_open
         except ImportError as error:
             text = 'datasets are read with safetensors: pip install "ruffini[data]"'
             raise ImportError(text) from error
-        try:
+        with _reading(folder / file):
             return safe_open(folder / file, framework="numpy")
-        except SafetensorError as error:
-            raise ValueError(f"{folder / file}: damaged, {error}") from None
 
-    def _mesh(self, grasp: str | int) -> Any:
-        """Open the file of a grasp's, or a gel's, mesh."""
+    def _mesh(self, file: str) -> TetMesh:
+        tensors = self._tensors(file)
+        with _reading(self.path / file, ValueError):
+            return TetMesh(tensors.get_tensor("vertices"), tensors.get_tensor("tets"))
+
+    def _mesh_file(self, grasp: str | int) -> str:
+        """File of a grasp's, or a gel's, mesh."""
         if self.soft:
-            return self._tensors(
-                f"meshes/{self.grasps[self._numbers[str(grasp)]].split('/')[0]}.safetensors"
-            )
+            name = self.grasps[self._numbers[str(grasp)]].split("/")[0]
+            return f"meshes/{name}.safetensors"
         gel = self.gel(grasp) if isinstance(grasp, str) else grasp
         count = len(self.manifest["config"]["gels"])
         if not 0 <= gel < count:
             raise IndexError(f"gel: found {gel}, expected less than {count}")
         folder = "gels" if self.manifest["format"] == 1 else "meshes"
-        return self._tensors(f"{folder}/{gel}.safetensors")
+        return f"{folder}/{gel}.safetensors"
 
     def _frame(
         self, file: str, grasp: dict[str, Any], number: int
@@ -497,7 +503,10 @@ class Dataset:
             rest = self.column(grasp, f"{part}.anchor_rest")[own]
         else:
             points = self.column(grasp, f"{part}.anchor_point")[own]
-            rest = self._mesh(grasp).get_tensor("contact_points")[points]
+            file = self._mesh_file(grasp)
+            tensors = self._tensors(file)
+            with _reading(self.path / file, IndexError):
+                rest = tensors.get_tensor("contact_points")[points]
         return np.stack([rest, place], axis=1).astype(np.float32)
 
 
@@ -508,6 +517,18 @@ def open(path: str | PathLike[str]) -> Dataset:
         ValueError: If there is none.
     """
     return Dataset(path)
+
+
+@contextmanager
+def _reading(path: Path, *errors: type[Exception]) -> Iterator[None]:
+    """Raise a ``ValueError`` that names the file for what safetensors raises, and `errors`."""
+    from safetensors import SafetensorError
+
+    kinds: tuple[type[Exception], ...] = (SafetensorError, *errors)
+    try:
+        yield
+    except kinds as error:
+        raise ValueError(f"{path}: damaged, {error}") from None
 
 
 def _not_finite(tensors: Any) -> str | None:
@@ -530,6 +551,9 @@ def _manifest(folder: Path) -> dict[str, Any]:
         manifest = read_json(path)
     except FileNotFoundError as error:
         raise ValueError(f"{path}: {error.strerror}, expected a finished dataset") from error
+    for name, kind in _OF_A_MANIFEST.items():
+        if not isinstance(manifest.get(name), kind):
+            raise ValueError(f"{path}: damaged, found no {name}")
     if manifest.setdefault("format", 1) not in FORMATS:
         expected = " or ".join(map(str, FORMATS))
         raise ValueError(f"{path}: found format {manifest['format']}, expected {expected}")

@@ -85,10 +85,10 @@ def train(
     def tell(stage: str, value: str) -> bool:
         return watch is None or watch(stage, json.loads(value))
 
-    if variant != "soft" and (only := _only_split(data)):
-        settings.setdefault("split", only)
     clock = time.process_time
     with naming_nearest():
+        if variant != "soft" and (split := _split(data, settings.get("split"))):
+            settings["split"] = split
         card = train_surrogate(data, out, variant, json.dumps(settings), commit, clock, tell)
     return None if card is None else dict(json.loads(card))
 
@@ -115,7 +115,7 @@ def evaluate(
         ValueError: If the weights, the dataset or the split cannot be read.
     """
     with naming_nearest():
-        found = evaluate_surrogate(weights, data, split or _only_split(data) or "novel-14")
+        found = evaluate_surrogate(weights, data, _split(data, split) or "novel-14")
     return [
         {
             "grasp": grasp,
@@ -126,9 +126,15 @@ def evaluate(
     ]
 
 
-def _only_split(data: str | PathLike[str]) -> str | None:
-    """Name of the split of a finished dataset that has one alone."""
+def _split(data: str | PathLike[str], given: str | None) -> str | None:
+    """The split that is given, else that of a finished dataset that has one alone.
+
+    Raises:
+        ValueError: If a finished dataset has none of that name.
+    """
     if not Path(data, "manifest.json").exists():
-        return None
+        return given
     names = list(dataset.open(data).splits)
-    return names[0] if len(names) == 1 else None
+    if given is not None and given not in names:
+        raise ValueError(f"split: found {given}, expected one of {', '.join(names)}")
+    return names[0] if given is None and len(names) == 1 else given

@@ -11,7 +11,8 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -111,11 +112,15 @@ def resume(
     """
     torch.set_num_threads(1)
     about = read_json(folder / RUN)
-    chosen = Params(**about.pop("params"))
+    with _reading(folder / RUN):
+        chosen = Params(**about.pop("params"))
     chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
     chosen = chosen.with_settings((settings or {}) | {"obs": chosen.obs})
     saved = folder / CHECKPOINT
-    done = PPO.load(saved / "model.zip", device="cpu").num_timesteps
+    with _reading(saved / "model.zip"):
+        done = PPO.load(saved / "model.zip", device="cpu").num_timesteps
+    with _reading(saved / "curve.json"):
+        curve = json.loads((saved / "curve.json").read_text())
     if _whole(chosen) <= done:
         raise ValueError(f"steps: found {chosen.steps}, expected more than the run's {done}")
     chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch - done)
@@ -126,15 +131,25 @@ def resume(
         names = [name for name in seen if name not in chosen.privileged]
         seen = gym.spaces.Dict({name: seen[name] for name in names})
     Agent.read(saved / CHECKPOINT_AGENT).check(seen)
-    normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
+    with _reading(saved / "normaliser.pkl"):
+        normalised = VecNormalize.load(str(saved / "normaliser.pkl"), envs.venv)
     normalised.observation_space = envs.observation_space
     spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
     model = PPO.load(saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces)
     # The environments start anew: other episodes than before, from a stream of their own.
     normalised.seed(about["seed"] + 1_000_003 + done)
-    curve = json.loads((saved / "curve.json").read_text())
     chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch + done)
     return _learn(model, chosen, curve, folder, about, threads)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Raise a ``ValueError`` of one line that names the file where reading it fails."""
+    try:
+        yield
+    except Exception as error:  # Those of zip, pickle and torch have no other kind in common.
+        found = " ".join(str(error).split())
+        raise ValueError(f"{path}: damaged, {type(error).__name__}: {found}") from error
 
 
 def new_model(

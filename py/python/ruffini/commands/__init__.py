@@ -6,11 +6,13 @@ Exit status: 0, 1 for a failed computation, 2 for bad input, 130 if interrupted.
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
+from typing import Any, NoReturn
 
 from ruffini import SimulationError, __version__
-from ruffini._settings import with_nearest
+from ruffini._settings import nearest, with_nearest
 from ruffini.commands import (
     agent,
     calibrate,
@@ -27,16 +29,36 @@ from ruffini.commands import (
 _COMMANDS = (play, view, agent, dataset, network, press, mesh, sensor, calibrate, recommend)
 
 
+class _Parser(argparse.ArgumentParser):
+    """Parser whose errors name the nearest option or choice, and the command that they are of."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        options, rest = super().parse_known_args(args, namespace)
+        if rest:
+            known = re.findall(r"--[\w-]+", self.format_usage())
+            near = nearest(rest[0].split("=")[0], known) if rest[0].startswith("-") else ","
+            self.error(f"unrecognized arguments: {' '.join(rest)}{near}".rstrip(","))
+        return options, rest
+
+    def error(self, message: str) -> NoReturn:
+        if found := re.fullmatch(r"(.*)invalid choice: '(.*)' \(choose from (.*)\)", message):
+            about, word, choices = found.groups()
+            known = choices.replace("'", "").split(", ")
+            message = f"{about}found {word!r}{nearest(word, known)} expected one of "
+            message += ", ".join(known)
+        super().error(message)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command with `arguments`, or those of the process; return the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="ruffini", description="Grasping with soft tactile fingertips."
-    )
+    parser = _Parser(prog="ruffini", description="Grasping with soft tactile fingertips.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="command", required=True)
     for command in _COMMANDS:
         command.add_to(commands)
     words = sys.argv[1:] if arguments is None else list(arguments)
+    if words[:1] == ["demo"]:  # Another name of it, which is not listed.
+        words[0] = "play"
     try:
         if words[:1] in (["train"], ["evaluate"]):
             ours, gels = (f"ruffini {part} {words[0]}" for part in ("agent", "network"))

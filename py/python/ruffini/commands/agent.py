@@ -23,6 +23,7 @@ from ruffini.commands.policy import (
     TASK,
     Bar,
     add_evaluation,
+    check_evaluation,
     choose,
     evaluated,
     observation_space,
@@ -125,15 +126,15 @@ def _train(options: argparse.Namespace) -> None:
         agent = Agent.read(checkpoint(folder) / CHECKPOINT_AGENT)
         if agent.env_id != env_id:
             raise ValueError(f"task: found {env_id}, expected {agent.env_id}, that of {folder}")
+    kept = {} if agent is None else agent.settings
+    space = observation_space(env_id, kept | changes, "settings")
+    if agent is not None:
+        agent.check(space)
     try:
         from ruffini.agents import training
     except ImportError as error:
         needed = 'pip install "ruffini[train]"'
         raise ValueError(f"training: found no {error.name}: {needed}") from None
-    kept = {} if agent is None else agent.settings
-    space = observation_space(env_id, kept | changes, "settings")
-    if agent is not None:
-        agent.check(space)
     folder.mkdir(parents=True, exist_ok=True)
     print(f"{env_id}: PPO, in {folder}", flush=True)
     try:
@@ -149,6 +150,7 @@ def _train(options: argparse.Namespace) -> None:
 
 
 def _evaluate(options: argparse.Namespace) -> None:
+    check_evaluation(options)
     if options.json is not None:
         check_writable("json", options.json)
     chosen = choose(options.task, options.policy, settings(options.settings))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ruffini import _distributions, dataset
+from ruffini._settings import counted
 from ruffini.dataset import Progress
 
 _SETTINGS = {
@@ -88,7 +89,7 @@ def add_to(commands: Any) -> None:
     artist = parts.add_parser("plot", help="draw distributions by family of objects")
     artist.add_argument("folder", help="the dataset")
     artist.add_argument("-o", "--out", required=True, help=".png or .svg file")
-    artist.set_defaults(run=lambda options: dataset.open(options.folder).plot(options.out))
+    artist.set_defaults(run=_plot)
     writer = parts.add_parser("export", help="write a frame for ParaView")
     writer.add_argument("folder", help="the dataset")
     writer.add_argument("index", type=int, help="number of the frame; from the end if negative")
@@ -152,8 +153,8 @@ class _Line:
     def _announce(self, now: Progress) -> None:
         free = shutil.disk_usage(self._folder).free
         print(
-            f"{now.all} grasps, {now.done} of them done; about {_size(now.bytes)} on disk, "
-            f"{_size(free)} free",
+            f"{counted(now.all, 'grasp')}, {now.done} of them done; "
+            f"about {_size(now.bytes)} on disk, {_size(free)} free",
             file=sys.stderr,
             flush=True,
         )
@@ -166,7 +167,8 @@ class _Line:
     def _text(now: Progress, solved: int) -> str:
         left = now.seconds / solved * (now.all - now.done)
         return (
-            f"{now.done}/{now.all} grasps, {now.frames} frames, {now.unsolved} unsolved, "
+            f"{now.done}/{counted(now.all, 'grasp')}, {counted(now.frames, 'frame')}, "
+            f"{now.unsolved} unsolved, "
             f"{_time(now.seconds)} gone, {_time(left)} left "
         )
 
@@ -188,7 +190,8 @@ def _inspect(options: argparse.Namespace) -> None:
     print(f"{'objects':<12} {len(objects)}")
     print(f"{'grasps':<12} {len(grasps)}")
     print(f"{'frames':<12} {len(found)}")
-    print(f"{'size':<12} {_size(sum(shard['bytes'] for shard in shards))}, {len(shards)} shards")
+    size = _size(sum(shard["bytes"] for shard in shards))
+    print(f"{'size':<12} {size}, {counted(len(shards), 'shard')}")
     print(f"{'unsolved':<12} {len(unsolved)}")
     for reason, count in _distributions.reasons(found).most_common():
         print(f"{'':<12} {count} of: {reason}")
@@ -217,7 +220,7 @@ def _error(options: argparse.Namespace) -> None:
     if not found:
         raise ValueError(f"{options.finer}: no frame that both meshes solved")
     parts = ("displacement", "stress", "force")
-    print(f"{len(found)} frames on both meshes; relative L², in %")
+    print(f"{counted(len(found), 'frame')} on both meshes; relative L², in %")
     print(f"{'':<22}" + "".join(f"{part:>14}" for part in parts))
 
     def line(name: str, rows: list[dataset.TruthError], share: float) -> None:
@@ -240,6 +243,11 @@ def _balance(found: dataset.Dataset) -> None:
             worst[name] = max(worst.get(name, found_here), found_here)
     for name, (value, place) in worst.items():
         print(f"{name:<12} at most {value:.1e} {units[name]} out of balance, {place}")
+
+
+def _plot(options: argparse.Namespace) -> None:
+    dataset.open(options.folder).plot(options.out)
+    print(options.out)
 
 
 def _export(options: argparse.Namespace) -> None:

@@ -13,7 +13,7 @@ from ruffini._core import CAMERAS
 from ruffini._settings import counted
 from ruffini._spaces import Renderer
 from ruffini.agents import Agent
-from ruffini.commands.policy import HELP, TASK, add_evaluation, choose, evaluated
+from ruffini.commands.policy import HELP, TASK, add_evaluation, check_evaluation, choose, evaluated
 from ruffini.evaluation import line
 
 _EPISODES = {"ruffini/GraspSoft-v0": 15}
@@ -42,8 +42,6 @@ def add_to(commands: Any) -> None:
         "--size", metavar="WxH", help="pixels of a picture; 320x240 for .gif, 640x480 for .mp4"
     )
     parser.set_defaults(run=run)
-    # Another name, without a line of its own in the help.
-    commands.add_parser("demo", add_help=False, parents=[parser])
 
 
 def run(options: argparse.Namespace) -> None:
@@ -53,6 +51,7 @@ def run(options: argparse.Namespace) -> None:
         ValueError: If an option is invalid, or the agent is for another environment.
         SimulationError: If the video cannot be made.
     """
+    check_evaluation(options)
     if options.video_episodes < 1:
         raise ValueError(f"video-episodes: found {options.video_episodes}, expected at least 1")
     if options.video is not None:

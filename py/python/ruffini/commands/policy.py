@@ -48,6 +48,19 @@ def add_evaluation(parser: argparse.ArgumentParser, episodes: str) -> None:
     parser.add_argument("--threads", type=int, help="threads; as many as cores if not given")
 
 
+def check_evaluation(options: argparse.Namespace) -> None:
+    """Check the options of `add_evaluation`.
+
+    Raises:
+        ValueError: If a number is out of range.
+    """
+    if options.episodes is not None and options.episodes < 1:
+        raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
+    check_seed(options.seed)
+    if options.threads is not None:
+        check_count("threads", options.threads)
+
+
 def settings(text: str | None) -> dict[str, Any]:
     """Parse keyword arguments of an environment, written as JSON.
 
@@ -124,16 +137,7 @@ def _agent(env_id: str | None, name: str) -> Agent:
 
 
 def evaluated(chosen: Chosen, episodes: int, seed: int, threads: int | None) -> dict[str, Any]:
-    """Print what is played, play it under a progress bar, and return the result.
-
-    Raises:
-        ValueError: If a number is out of range.
-    """
-    if episodes < 1:
-        raise ValueError(f"episodes: found {episodes}, expected at least 1")
-    check_seed(seed)
-    if threads is not None:
-        check_count("threads", threads)
+    """Print what is played, play it under a progress bar, and return the result."""
     about = f"{chosen.about}; {counted(episodes, 'episode')} from seed {seed}"
     print(f"{chosen.env_id}: {about}", flush=True)
     settings = {"num_threads": threads} | chosen.settings

@@ -17,6 +17,7 @@ from ruffini import (
     Press,
     PressError,
     Shape,
+    SimulationError,
     SoftBody,
     TetMesh,
     plot,
@@ -25,6 +26,8 @@ from ruffini import (
     viewing,
 )
 from ruffini._plot import check
+from ruffini._settings import counted
+from ruffini._spaces import check_writable
 from ruffini.commands import shapes
 from ruffini.commands.view import gel, summary
 from ruffini.viewing import Rigid, Skin, Soft, ViewerFrame
@@ -81,7 +84,7 @@ def add_to(commands: Any) -> None:
         metavar="FILE",
         help="show all frames in a browser, or write them to a .html file",
     )
-    parser.add_argument("--out", help=".vtu or .npz file for the mesh and its fields")
+    parser.add_argument("--out", type=Path, help=".vtu or .npz file for the mesh and its fields")
     parser.add_argument(
         "--plot", type=Path, help=".png or .svg file for a section, the face and the force curve"
     )
@@ -100,6 +103,10 @@ def run(options: argparse.Namespace) -> None:
         viewing.check(page)
     if options.plot is not None:
         check(options.plot)
+    if options.out is not None:
+        if options.out.suffix not in (".vtu", ".npz"):
+            raise ValueError(f"out: found {options.out}, expected a name that ends in .vtu or .npz")
+        check_writable("out", options.out)
     if options.check and options.element == "p2":
         raise ValueError("check: found --element p2, expected p1 or p1-bar: it compares with p2")
     body = sensor(options.sensor, options.calibration, options.resolution)
@@ -118,6 +125,9 @@ def run(options: argparse.Namespace) -> None:
         u, stress, force = (f"{100 * x:.1f} %" for x in relative_error(last, quadratic[-1]))
         found = f"displacement {u}, stress {stress}, force {force}"
         print(f"{'error':<12} {found}, against quadratic elements")
+    for file in (options.out, options.plot):
+        if file is not None:
+            print(file)
     if options.view is not None:
         viewing.view([pressed(body.mesh, options.shape, frames)], page)
 
@@ -127,14 +137,21 @@ def _pressed(
 ) -> tuple[list[Deformation], float]:
     """Frames of the press from the height `touch` (m) on, and the height before the shear (m)."""
     fem = Fem(body, friction=options.friction, element=element)
+    thickness = float(np.ptp(body.mesh.vertices[:, 2]))
     if options.force is None:
-        _check_depth(options.depth, float(np.ptp(body.mesh.vertices[:, 2])))
+        _check_depth(options.depth, thickness)
         ways = _ways("depth", options.depth, 0.0)
         frames = _follow(fem, shape, np.array([0, 0, touch]) - np.outer(ways, [0, 0, 1]))
     else:
         start = ((0, 0, touch), _UPSIDE_DOWN)
         push = Press(shape, start, force=options.force, direction=(0, 0, -1))
-        frames = _solved(fem.solve_path(push))
+        try:
+            frames = _solved(fem.solve_path(push))
+        except PressError as error:
+            if error.kind != "unreachable":
+                raise
+            hint = f"the gel is {1e3 * thickness:.4g} mm thick: give a smaller --force"
+            raise SimulationError(f"{error}; {hint}") from None
     reached, _ = frames[-1].pose
     if options.shear != 0.0:
         ways = _ways("shear", options.shear, -1.0)
@@ -205,10 +222,11 @@ def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterato
 def _report(frames: list[Deformation], indentation: float) -> None:
     last = frames[-1]
     x, y, z = last.wrench[:3]
+    iterations = sum(frame.iterations for frame in frames)
     rows = {
         "force": f"{0.0 - z:.4f} N normal, {np.hypot(x, y):.4f} N tangential",
         "indentation": f"{1e3 * indentation:.4f} mm",
-        "iterations": f"{sum(frame.iterations for frame in frames)} in {len(frames)} frames",
+        "iterations": f"{iterations} in {counted(len(frames), 'frame')}",
         "residual": f"{last.residual:.1e} N",
         "seconds": f"{sum(frame.seconds for frame in frames):.2f}",
     }

@@ -54,9 +54,7 @@ def add_to(commands: Any) -> None:
         help="fit the elastic foundation to finite elements, some minutes for each calibration, "
         "and write it into the file where it is missing",
     )
-    checker.add_argument(
-        "--nodes", type=int, default=_NODES, help=f"nodes to fit to; {_NODES} if not given"
-    )
+    checker.add_argument("--nodes", type=int, help=f"nodes for --fit; {_NODES} if not given")
     checker.set_defaults(run=_check)
 
 
@@ -72,6 +70,8 @@ def _template(options: argparse.Namespace) -> None:
     if options.out is None:
         print(text, end="")
         return
+    if options.out.suffix != ".toml":
+        raise ValueError(f"out: found {options.out}, expected a name that ends in .toml")
     if options.out.exists():
         raise ValueError(f"{options.out}: exists, expected a new file")
     with writing(options.out):
@@ -80,6 +80,10 @@ def _template(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
+    if options.nodes is not None and not options.fit:
+        raise ValueError(f"nodes: found {options.nodes} without --fit, expected both or none")
+    if options.plot is not None:
+        check(options.plot)
     try:
         found = json.loads(read_sensor(options.file))
     except ValueError as error:
@@ -93,7 +97,7 @@ def _check(options: argparse.Namespace) -> None:
     for name, text in _summary(options.file, found).items():
         print(f"{name:<12} {text}")
     if options.fit:
-        _fit(options.file, found["calibration"], options.nodes)
+        _fit(options.file, found["calibration"], _NODES if options.nodes is None else options.nodes)
     if options.plot is not None:
         _plot(options.file, found, options.plot)
 
@@ -203,7 +207,6 @@ def _most(errors: list[float]) -> str:
 
 def _plot(file: str, found: dict[str, Any], path: Path) -> None:
     """Draw the face from above, with markers and the camera's view, and two sections."""
-    check(path)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
