@@ -422,9 +422,10 @@ def verdict(fits: list[dict[str, Any]]) -> str:
         f"by {told(offset)}; those of E and a stand, as many parameters, by {told(stand)}. Of the "
         f"{len(cells(fits))} rows {soft} meet the goal with a stand, and {late} with an offset. "
         f"With a stand E is {listed('young', stand)}, with an offset {listed('young', offset)}. "
-        f"Where both are fitted the offset comes out as {listed('offset', both)}. So what is "
-        "missing in the model grows with the force, as the yielding of a stand does; a first touch "
-        "that was noticed late does not explain it."
+        f"Where both are fitted the offset comes out as {listed('offset', both)}, with wide "
+        "intervals. So with friction the model is too stiff where the ball is deep, which a first "
+        "touch that was noticed late does not explain; what does grows with the force, as the "
+        "yielding of a stand does."
     )
 
 

@@ -271,6 +271,20 @@ def test_the_measured_curve_of_a_gelsight_mini_is_read():
     assert curve.forces.tolist() == [1.6503, 5.9641, 13.5257, 23.2532]
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.2, 1.0])
+def test_a_stand_explains_the_measured_curve_better_than_a_late_touch(friction):
+    found = json.loads((REFERENCE.parent / "reports/reality.json").read_text())["reality_curves"]
+    force = found["paths"][f"neo-hookean, 0.475, {friction}, 1.0, 2000 nodes"]
+    table = Table(np.linspace(0.0, 2.3e-3, 24), {}, np.array(force) ** (2 / 3))
+    curve, errors = read_curve(REFERENCE / "feats_force_depth.csv", BALL, 4e-3), {}
+    for name in ("offset", "stiffness"):
+        problem = Problem([curve], [table], ["young", name], {**HELD, "friction": friction})
+        [left] = problem.left_out(problem.fit(levels=()))
+        errors[name] = np.abs(left).max()
+    # The goal for each depth that a fit has not seen.
+    assert errors["stiffness"] < min(0.05, errors["offset"]), errors
+
+
 def test_without_scipy_one_line_says_what_to_install(command, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert command(POINTS) == 2
