@@ -43,7 +43,7 @@ def test_a_closed_mesh_is_summed_up_and_millimetres_are_noticed(box, tmp_path, c
         (40.0, 1.0, "likely millimetres: with --scale 0.001 its longest edge is 40 mm"),
         (40.0, 0.01, "likely millimetres: with --scale 0.001 its longest edge is 40 mm"),
         (0.05, 0.001, "likely metres: with --scale 1 its longest edge is 50 mm"),
-        (2000.0, 1.0, "a file in millimetres needs the scale 0.001, one in centi"),
+        (2000.0, 1.0, "a file in millimetres needs the scale 0.001, one in centimetres 0.01"),
     ],
 )
 def test_the_likely_unit_of_a_file_is_named(size, scale, hint, tmp_path, capsys):
