@@ -81,7 +81,7 @@ impl PaperNetwork {
         Self::of(py, model)
     }
 
-    /// Loads a network of one's own, from weights written by the example `paper`.
+    /// Loads a network of one's own, from weights written by `ruffini network train`.
     ///
     /// Args:
     ///     path: The .safetensors file.
