@@ -31,8 +31,6 @@ const STEPS: usize = 25;
 const PATIENCE: usize = 40;
 /// Greatest force, in units of E t² with the thickness t: 80 N on a GelSight Mini.
 const STRONGEST: f64 = 17.0;
-/// Vertices of the quadratic elements from which the influence of the pad's sides is taken.
-const ELEMENTS: usize = 1000;
 /// Points along each side of a touching cell over which its force is spread: closer than the nodes of
 /// the finest mesh.
 const POINTS: u32 = 3;
@@ -57,7 +55,7 @@ impl PressedPad {
             let body = SoftBody::new(model.mesh.clone(), Law::Linear, moduli, &model.base)?;
             let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
             let compliance = Compliance::new(body, options)?;
-            let sides = Sides::new(&sensor.outline, moduli, ELEMENTS)?;
+            let sides = Sides::new(&sensor.outline, moduli, Sides::VERTICES)?;
             let fine = ContactResolution::FINE;
             LayeredPad::new(&compliance, &sensor.outline, &model, fine, &sides)
         };

@@ -28,9 +28,6 @@ use crate::{
     simd::vectorised,
 };
 
-/// Vertices of the quadratic elements from which the influence of the pad's sides is taken.
-const ELEMENTS: usize = 1000;
-
 /// Linear model of a gel.
 pub(super) struct LinearBaseline {
     layered: LayeredPad,
@@ -113,7 +110,7 @@ impl LinearBaseline {
         let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
         let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
         let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let sides = Sides::new(&sensor.outline, gel.moduli, ELEMENTS)?;
+        let sides = Sides::new(&sensor.outline, gel.moduli, Sides::VERTICES)?;
         let layered = LayeredPad::new(&compliance, &sensor.outline, model, resolution, &sides)?;
         let size = 3 * model.mesh.vertices.len();
         let extension = Extension::new(layered.unit_responses().map(|u| flat(&u)), size);
