@@ -109,8 +109,8 @@ PARAMS: dict[str, Params] = {
         final_learning_rate=3e-5,
     ),
     "ruffini/InsertPeg-v0": Params(
-        # Success still rises after a third of these.
-        steps=360 * 2048,
+        # Success still rises after two thirds of these.
+        steps=220 * 2048,
         n_envs=64,
         algorithm=CLOSING
         | {
