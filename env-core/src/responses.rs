@@ -59,7 +59,8 @@ impl Responses {
         self.add_to(node, force, &[[0, self.len()]], sum);
     }
 
-    /// Performs [`Responses::add`] in some `runs` of the sum alone, each from one whole part to another.
+    /// Performs [`Responses::add`] in some `runs` of the sum alone, each of whole
+    /// [`PIECE`](crate::simd::PIECE)s.
     pub(crate) fn add_to(
         &self,
         node: u32,
@@ -125,11 +126,12 @@ mod tests {
     fn runs_are_added_as_in_the_whole_row_and_nothing_else_is() {
         let mut responses = Responses::new(75);
         (0..3).for_each(|k| responses.push((0..75).map(move |i| f64::from((5 * i + k) % 13))));
-        let (force, runs) = (Vector3::new(1.0, -2.0, 0.5), [[0, 16], [48, 80]]);
+        let (force, runs) = (Vector3::new(1.0, -2.0, 0.5), [[0, 24], [40, 48], [56, 80]]);
         let (mut whole, mut parts) = (vec![0.0; 80], vec![0.0; 80]);
         responses.add(0, &force, &mut whole);
         responses.add_to(0, &force, &runs, &mut parts);
-        whole[16..48].fill(0.0);
+        whole[24..40].fill(0.0);
+        whole[48..56].fill(0.0);
         assert_eq!(parts, whole);
     }
 }

@@ -49,12 +49,16 @@ pub(crate) fn sum(a: &[f32], b: &[f32], term: impl Fn(f32, f32) -> f32) -> f32 {
     sums.iter().sum::<f32>() + rest
 }
 
-/// Adds x a + y b + z c to `sum`, whose length is that of the three rows and a multiple of [`LANES`].
+/// Length of the shortest pieces of rows: as many numbers as the vectors of most processors hold.
+pub(crate) const PIECE: usize = LANES / 2;
+
+/// Adds x a + y b + z c to `sum`, whose length is that of the three rows and a multiple of
+/// [`PIECE`].
 ///
 /// A loop over all numbers: one over parts of [`LANES`] is unrolled and not converted to vectors.
 #[inline(always)]
 pub(crate) fn add_rows(sum: &mut [f32], [a, b, c]: [&[i16]; 3], [x, y, z]: [f32; 3]) {
-    let count = sum.len() / LANES * LANES;
+    let count = sum.len() / PIECE * PIECE;
     let (sum, a, b, c) = (&mut sum[..count], &a[..count], &b[..count], &c[..count]);
     for i in 0..count {
         sum[i] += x * f32::from(a[i]) + y * f32::from(b[i]) + z * f32::from(c[i]);

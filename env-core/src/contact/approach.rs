@@ -166,6 +166,13 @@ pub fn nearest(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) 
     all.min_by(|(_, a), (_, b)| a.value.total_cmp(&b.value)).expect("a press has a shape")
 }
 
+/// Distance of `place` from the nearest shape (m), that of [`nearest`] without its normal.
+pub fn gap(shapes: &[Shape], poses: &[Isometry3<f64>], place: &Point3<f64>) -> f64 {
+    let pairs = shapes.iter().zip(poses);
+    let all = pairs.map(|(shape, pose)| shape.distance(&pose.inverse_transform_point(place)).value);
+    all.min_by(f64::total_cmp).expect("a press has a shape")
+}
+
 /// Interpolates between two sets of poses at the fraction `t`.
 pub fn between(from: &[Isometry3<f64>], to: &[Isometry3<f64>], t: f64) -> Vec<Isometry3<f64>> {
     if t == 1.0 {
@@ -192,6 +199,21 @@ mod tests {
         // The ball is triangulated, so its lowest corner may be a little higher than the ball.
         assert!((moved(0.95) - 1.1).abs() < 0.01, "{} m", moved(0.95));
         assert!((moved(1.2) - 1.2).abs() < 1e-15, "{} m", moved(1.2));
+    }
+
+    #[test]
+    fn a_gap_is_the_distance_of_the_nearest_shape_to_the_bit() {
+        let half_extents = Vector3::new(0.02, 0.03, 0.01);
+        let shapes = [Shape::Sphere { radius: 0.02 }, Shape::Cuboid { half_extents }];
+        let turn = Vector3::new(0.3, -0.2, 0.1);
+        let poses =
+            [0.03, -0.01].map(|x| Isometry3::new(Vector3::new(x, 0.01, 0.02), x * 9.0 * turn));
+        for i in 0..100 {
+            let direction = Vector3::new(f64::from(i).sin(), f64::from(3 * i).cos(), 0.3);
+            let place = Point3::from(1e-3 * f64::from(i) * direction);
+            let (found, right) = (gap(&shapes, &poses, &place), nearest(&shapes, &poses, &place));
+            assert_eq!(found.to_bits(), right.1.value.to_bits(), "{found} m at {place}");
+        }
     }
 
     #[test]

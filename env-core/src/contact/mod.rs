@@ -12,7 +12,7 @@ mod leap;
 mod near;
 mod touch;
 
-pub use approach::{advance_to_contact, backed_off, between, clearance, nearest};
+pub use approach::{advance_to_contact, backed_off, between, clearance, gap, nearest};
 pub use backing::Backing;
 pub use engulfing::{check_first, engulfs_unfelt, holds, is_engulfed, is_within};
 pub use law::{ContactLaw, Traction};

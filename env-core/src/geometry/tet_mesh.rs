@@ -85,9 +85,10 @@ impl TetMesh {
 
     /// Returns whether a `displacement` of the vertices (V) in m turns a tetrahedron inside out.
     pub fn is_folded_by(&self, displacement: &[Vector3<f64>]) -> bool {
-        let place = |&i: &u32| self.vertices[i as usize] + displacement[i as usize];
+        let moved = self.vertices.iter().zip(displacement).map(|(vertex, u)| vertex + u);
+        let places: Vec<_> = moved.collect();
         self.tets.iter().any(|tet| {
-            let [a, b, c, d] = tet.each_ref().map(place);
+            let [a, b, c, d] = tet.map(|i| places[i as usize]);
             (b - a).cross(&(c - a)).dot(&(d - a)) <= 0.0
         })
     }

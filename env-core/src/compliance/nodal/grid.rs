@@ -19,7 +19,7 @@ use super::{
     sides::Sides,
 };
 use crate::{
-    contact::nearest,
+    contact::gap,
     deformation::Moduli,
     geometry::{PadOutline, Shape},
     responses::Responses,
@@ -312,7 +312,7 @@ impl CellGrid {
             let rank = (i + size / 2) * rows + j + size / 2;
             if size == 1 {
                 let place = self.place(rank) + moved.unwrap_or_default();
-                let gap = nearest(shapes, poses, &place).1.value;
+                let gap = gap(shapes, poses, &place);
                 let enough = match moved {
                     _ if forces.is_empty() => reach,
                     Some(_) => reach + BENT * self.half_diagonal(),
@@ -336,7 +336,7 @@ impl CellGrid {
             let around = f64::from(size) * self.half_diagonal();
             let is_small = size << MOVED <= 2 << self.level;
             let moved = (is_small && !forces.is_empty()).then(|| field(rank));
-            let gap = nearest(shapes, poses, &(centre + moved.unwrap_or_default())).1.value;
+            let gap = gap(shapes, poses, &(centre + moved.unwrap_or_default()));
             let enough = if moved.is_some() { 1.5 * around + reach } else { around + room };
             if gap < enough {
                 let half = size / 2;
@@ -351,7 +351,7 @@ impl CellGrid {
     /// Smallest distance of `shapes` at `poses` from a cell at rest (m).
     pub(super) fn clearance(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
         let first = Self::new(&self.cells, 0);
-        let gap = |grid: &Self, rank: u32| nearest(shapes, poses, &grid.place(rank)).1.value;
+        let gap = |grid: &Self, rank: u32| gap(shapes, poses, &grid.place(rank));
         let mut open: Vec<_> =
             (0..first.len() as u32).map(|rank| (gap(&first, rank), rank)).collect();
         let mut grid = first;

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, between, clearance, nearest},
+    contact::{ContactLaw, between, clearance, gap},
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
@@ -221,7 +221,7 @@ impl<'a> NodalLoadStepping<'a> {
         let mut found = None;
         for level in lowest..self.levels.len() {
             let Some(grid) = self.levels[level].grid() else { return Some(level) };
-            let gap = |rank: &u32| nearest(self.shapes, poses, &grid.place(*rank)).1.value;
+            let gap = |rank: &u32| gap(self.shapes, poses, &grid.place(*rank));
             let gaps: Vec<_> = open.iter().map(gap).collect();
             match gaps.iter().filter(|gap| **gap < 0.0).count() {
                 0 => {}

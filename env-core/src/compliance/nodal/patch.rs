@@ -15,9 +15,9 @@ use super::{
     state::{Held, forces},
 };
 use crate::{
-    contact::{ContactLaw, SurfacePoint, first_touch, nearest, went_through},
+    contact::{ContactLaw, SurfacePoint, first_touch, gap, nearest, went_through},
     geometry::{Distance, Shape},
-    simd::LANES,
+    simd::PIECE,
 };
 
 /// Depth that a node must have reached in a shape to count as having passed through it, in
@@ -36,7 +36,7 @@ const FLANK: f64 = -0.2;
 const PARTS: u32 = 8;
 /// Length between two runs up to which they are merged: fewer, longer runs are faster in spite of the
 /// additional numbers.
-const BRIDGE: usize = LANES;
+const BRIDGE: usize = PIECE;
 
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
@@ -157,7 +157,7 @@ impl<'a> Patch<'a> {
             let start = rest + moved;
             let distance = match known {
                 Some(_) => 0.0,
-                None => nearest(motion.shapes, motion.to, &start).1.value,
+                None => gap(motion.shapes, motion.to, &start),
             };
             (distance < reach).then(|| Member {
                 rank,
@@ -446,12 +446,12 @@ fn entered(shape: &Shape, entry: &Point3<f64>, place: &Point3<f64>) -> Option<Di
     (value < 0.0).then_some(Distance { value, normal })
 }
 
-/// Ranges of numbers, of whole parts of [`LANES`], that contain those of the ascending `ranks`.
+/// Ranges of numbers, of whole [`PIECE`]s, that contain those of the ascending `ranks`.
 fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
     let mut runs: Vec<[usize; 2]> = Vec::new();
     for rank in ranks {
         let first = 3 * rank as usize;
-        let [first, last] = [first / LANES * LANES, (first + 3).next_multiple_of(LANES)];
+        let [first, last] = [first / PIECE * PIECE, (first + 3).next_multiple_of(PIECE)];
         match runs.last_mut() {
             Some([_, end]) if first <= *end + BRIDGE => *end = last,
             _ => runs.push([first, last]),
