@@ -13,6 +13,7 @@ mod floors;
 mod foundation;
 mod grasp;
 mod half_space;
+mod imprint;
 mod insertion;
 mod nodal;
 mod objects;

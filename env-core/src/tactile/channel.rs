@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::{config::Resolution, depth, skin::Skin, traction};
+use super::{config::Resolution, skin::Skin, traction};
 use crate::{
     deformation::{Deformation, Wanted},
     geometry::Shape,
@@ -180,7 +180,7 @@ impl Channel {
     pub fn specs(self, skin: &Skin) -> Vec<Spec> {
         let map = |counts: [u32; 2]| vec![counts[1] as usize, counts[0] as usize];
         let vectors = |counts: [u32; 2]| [map(counts), vec![3]].concat();
-        let (thickness, stress) = (skin.face.thickness, MOST_STRESS * skin.moduli.young);
+        let (thickness, stress) = (skin.face.thickness(), MOST_STRESS * skin.moduli.young);
         let moved = MOST_MOTION * thickness;
         let spec = |name, shape, low, high, unit| Spec { name, shape, low, high, unit };
         let resolution = &skin.resolution;
@@ -249,7 +249,8 @@ impl Channel {
     }
 
     /// Entries for one finger that touches `shapes`, those of the `answer`, which is `None` without
-    /// contact. Only [`Channel::Image`] needs the shapes.
+    /// contact. Only [`Channel::Depth`] and [`Channel::Image`] need the shapes; without them, both
+    /// show the mesh alone.
     ///
     /// # Panics
     ///
@@ -277,7 +278,8 @@ impl Channel {
             (Self::Wrench, Some(answer)) => flat([&answer.wrench.force, &answer.wrench.torque]),
             (Self::Slip, Some(answer)) => vec![answer.sliding],
             (Self::Depth, Some(answer)) => {
-                depth::heights(&skin.face, &skin.view, Some(&answer.displacement))
+                let objects: Vec<_> = shapes.iter().copied().zip(&answer.poses).collect();
+                skin.view.imprint(&skin.face, answer, &objects).heights
             }
             (Self::Trust, Some(answer)) => trust(skin, answer).into(),
         }
@@ -308,7 +310,7 @@ fn trust(skin: &Skin, deformation: &Deformation) -> [f64; 3] {
     let contact = deformation.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
     let all = deformation.residual + contact;
     let share = if all > 0.0 { deformation.residual / all } else { 0.0 };
-    let most = CALIBRATED * skin.face.thickness;
+    let most = CALIBRATED * skin.face.thickness();
     let moved = skin.free.iter().map(|&node| deformation.displacement[node as usize].norm());
     let out_of_range = moved.fold(0.0, f64::max) > most;
     [deformation.residual, share, f64::from(u8::from(out_of_range))]

@@ -7,7 +7,7 @@ use std::array::from_fn;
 
 use nalgebra::{Point3, Vector3};
 
-use super::face::{Face, FacePoint, PlanGrid};
+use super::face::{Face, PlanGrid};
 use crate::geometry::plan_shares;
 
 /// Heights of the face at the pixels of `view` (D) in m, with the nodes displaced by `displacement`
@@ -17,26 +17,15 @@ pub(super) fn heights(
     view: &PlanGrid,
     displacement: Option<&[Vector3<f64>]>,
 ) -> Vec<f64> {
-    let mut heights = vec![-face.thickness; (view.counts[0] * view.counts[1]) as usize];
-    cover(face, view, displacement, |pixel, z, _| heights[pixel] = heights[pixel].max(z));
-    heights
-}
-
-/// Calls `visit` for each pixel of `view` under each triangle of the displaced face, with the height
-/// there (m), and the triangle's corners with their shares.
-pub(super) fn cover(
-    face: &Face,
-    view: &PlanGrid,
-    displacement: Option<&[Vector3<f64>]>,
-    mut visit: impl FnMut(usize, f64, &FacePoint),
-) {
+    let mut heights = vec![-face.thickness(); (view.counts[0] * view.counts[1]) as usize];
     let place = |node: u32| {
         let still = face.places[node as usize];
         displacement.map_or(still, |u| still + u[node as usize])
     };
     for &corners in &face.triangles {
-        cover_by(&corners.map(place), view, |pixel, z, shares| visit(pixel, z, &(corners, shares)));
+        cover_by(&corners.map(place), view, |pixel, z, _| heights[pixel] = heights[pixel].max(z));
     }
+    heights
 }
 
 /// Calls `visit` for each pixel of `view` in the plan of a triangle, with its height there (m), and
@@ -47,6 +36,9 @@ pub(super) fn cover_by(
     mut visit: impl FnMut(usize, f64, [f64; 3]),
 ) {
     let [columns, rows] = [0, 1].map(|axis| pixels(view, axis, triangle));
+    if columns.is_empty() || rows.is_empty() {
+        return;
+    }
     // Shares are linear in the plan.
     let Some(origin) = plan_shares(triangle, 0.0, 0.0) else { return };
     let [along, across] = share_slopes(triangle);

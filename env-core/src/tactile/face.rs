@@ -4,6 +4,8 @@
 
 use nalgebra::Point3;
 
+use crate::geometry::PadOutline;
+
 /// Face of a pad at rest.
 #[derive(Debug)]
 pub(super) struct Face {
@@ -11,8 +13,15 @@ pub(super) struct Face {
     pub(super) places: Vec<Point3<f64>>,
     /// Corners of the face's triangles, counter-clockwise seen from outside.
     pub(super) triangles: Vec<[u32; 3]>,
+    /// Outline of the pad.
+    pub(super) outline: PadOutline,
+}
+
+impl Face {
     /// Thickness of the pad (m).
-    pub(super) thickness: f64,
+    pub(super) fn thickness(&self) -> f64 {
+        self.outline.thickness
+    }
 }
 
 /// Point on the face: the corners of its triangle and their weights, which sum to 1.
@@ -36,6 +45,14 @@ impl PlanGrid {
     /// Centre of cell `i` along `axis` (m).
     pub(super) fn centre(&self, axis: usize, i: u32) -> f64 {
         (f64::from(i) + 0.5 - 0.5 * f64::from(self.counts[axis])) * self.cell[axis]
+    }
+
+    /// Returns whether all of `places` lie more than `margin` (m) beyond one side of the grid.
+    pub(super) fn misses(&self, places: &[Point3<f64>], margin: f64) -> bool {
+        (0..2).any(|axis| {
+            let side = 0.5 * f64::from(self.counts[axis]) * self.cell[axis] + margin;
+            places.iter().all(|p| p[axis] > side) || places.iter().all(|p| p[axis] < -side)
+        })
     }
 
     /// Centres of all cells (m).

@@ -10,13 +10,17 @@
 mod channel;
 mod config;
 mod depth;
+mod ease;
 mod face;
 mod finger;
 mod image;
+mod imprint;
+mod lower;
 mod model;
 mod object;
 mod shell;
 mod skin;
+mod smooth_face;
 mod traction;
 
 pub use channel::{Channel, Spec};

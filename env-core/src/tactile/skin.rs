@@ -11,6 +11,7 @@ use super::{
     Resolution, Shell, depth,
     face::{Face, FacePoint, PlanGrid},
     image::TactileCamera,
+    imprint::FaceView,
 };
 use crate::{
     Error, Result,
@@ -72,7 +73,7 @@ pub struct Skin {
     /// Tetrahedra that contribute to the stress of each cell (G), with weights that sum to 1.
     pub(super) stress: Vec<Vec<(u32, f64)>>,
     pub(super) grid: PlanGrid,
-    pub(super) view: PlanGrid,
+    pub(super) view: FaceView,
     pub(super) picture: PlanGrid,
     /// Heights of the resting face at the pixels (D) in m.
     pub(super) rest_depth: Vec<f64>,
@@ -123,22 +124,25 @@ impl Skin {
         }
         let shell = Shell::new(&places, &boundary, &shares);
         let triangles = pad.face_triangles.clone();
-        let face = Face { places, triangles, thickness: outline.thickness };
+        let face = Face { places, triangles, outline: *outline };
         let image = sensor.camera.image.as_ref();
+        let moduli = body.moduli()[0];
         Ok(Self {
             rest_depth: depth::heights(&face, &camera, None),
-            camera: image.map(|response| TactileCamera::new(&face, picture, response)),
+            camera: image.map(|response| {
+                TactileCamera::new(&face, FaceView::new(picture, moduli), response)
+            }),
             face,
             shell,
             tets: pad.mesh.tets.len(),
-            moduli: body.moduli()[0],
+            moduli,
             free,
             reach,
             radius,
             markers,
             stress,
             grid,
-            view: camera,
+            view: FaceView::new(camera, moduli),
             picture,
             resolution: resolution.clone(),
         })
@@ -180,7 +184,7 @@ impl Skin {
 
     /// Centres of the pixels of the depth map (D), x and y in m.
     pub fn pixels(&self) -> Vec<[f64; 2]> {
-        self.view.centres().collect()
+        self.view.grid.centres().collect()
     }
 
     /// Centres of the pixels of the tactile image (P), x and y in m.

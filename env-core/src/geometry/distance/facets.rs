@@ -20,8 +20,8 @@ impl Shape {
     /// the box between the corners `within` (m), which may be infinite. `None` for a solid of which
     /// rays are as quick ([`Self::ray_gap`]).
     ///
-    /// Exact for meshes and prisms. Those of smooth solids have edges e of up to 0.4 mm and corners
-    /// on the surface, from which they are e²/6R off where its radius is R: 2 µm at 15 mm.
+    /// Exact for meshes, prisms and cuboids. Those of smooth solids have edges e of up to 0.4 mm and
+    /// corners on the surface, from which they are e²/6R off where its radius is R: 2 µm at 15 mm.
     pub fn triangles_near(
         &self,
         place: &Similarity3<f64>,
@@ -29,7 +29,7 @@ impl Shape {
     ) -> Option<Vec<Corners>> {
         let triangles = match self {
             Self::Mesh(surface) => surface.tree().near(place, within),
-            Self::Prism { .. } => self.surface(0)?.tree().near(place, within),
+            Self::Prism { .. } | Self::Cuboid { .. } => self.surface(0)?.tree().near(place, within),
             Self::StarShaped(star) => star.triangles_near(place, within),
             Self::Hollow(hollow) => {
                 let mut outer = hollow.solid().triangles_near(place, within);
