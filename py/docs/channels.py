@@ -29,6 +29,8 @@ import ruffini
 
 Floats = NDArray[np.floating[Any]]
 CHANNELS = ["proprio", "wrench", *ruffini.TACTILE_CHANNELS]
+PHOTOGRAPHS = ("image", "marker_pixels")
+"""Channels whose figures have too many colours to be drawn with fewer."""
 SHOWN = 15
 """Step whose pads are drawn."""
 LOOSEN = np.array([0, 0, 0, 0, -0.2], np.float32)
@@ -42,6 +44,7 @@ def episode() -> tuple[Any, dict[str, Floats]]:
     env = gymnasium.make(
         "ruffini/HoldStill-v0",
         observation=CHANNELS,
+        resolution={"image": (240, 320)},
         objects="sphere",
         friction=0.5,
         mass=0.15,
@@ -61,10 +64,12 @@ def episode() -> tuple[Any, dict[str, Floats]]:
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Writes the figure with 256 colours, which halves its size."""
+    """Writes the figure; with 256 colours, which halves its size, unless it is of an image."""
     figure.canvas.draw()
     pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]  # type: ignore[attr-defined]
-    picture = Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE)
+    picture = Image.fromarray(pixels)
+    if file.stem not in PHOTOGRAPHS:
+        picture = picture.quantize(256, dither=Image.Dither.NONE)
     picture.save(file, optimize=True)
     plt.close(figure)
 
