@@ -23,7 +23,7 @@ pub(super) const FELT: f64 = 0.25;
 const SPACING: (f64, u32) = (0.5, 64);
 
 /// Triangle of contact nodes.
-pub(super) struct Face {
+pub(super) struct ContactTriangle {
     corners: [u32; 3],
     places: [Point3<f64>; 3],
     longest: f64,
@@ -38,7 +38,7 @@ pub(super) struct Standing<'a> {
     pub(super) felt: bool,
 }
 
-impl Face {
+impl ContactTriangle {
     pub(super) fn new(corners: [u32; 3], all: &[Point3<f64>]) -> Self {
         let places = corners.map(|corner| all[corner as usize]);
         let [a, b, c] = &places;
@@ -78,13 +78,13 @@ impl Face {
 
 /// Leading part of `faces`, sorted by [`widest`]: those that one of `shapes` could penetrate
 /// without touching a node.
-pub(super) fn watched<'a>(faces: &'a [Face], shapes: &[Shape]) -> &'a [Face] {
+pub(super) fn watched<'a>(faces: &'a [ContactTriangle], shapes: &[Shape]) -> &'a [ContactTriangle] {
     let thinnest = shapes.iter().map(Shape::thickness).fold(f64::INFINITY, f64::min);
     &faces[..faces.partition_point(|face| thinnest < THICK * face.longest)]
 }
 
 /// Sorts faces by their longest side, in descending order.
-pub(super) fn widest(mut faces: Vec<Face>) -> Vec<Face> {
+pub(super) fn widest(mut faces: Vec<ContactTriangle>) -> Vec<ContactTriangle> {
     faces.sort_by(|a, b| b.longest.total_cmp(&a.longest));
     faces
 }

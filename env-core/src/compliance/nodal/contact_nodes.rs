@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     super::condensed::Condensed,
-    between::{Face, widest},
+    between::{ContactTriangle, widest},
     grid::CellGrid,
 };
 use crate::{
@@ -38,7 +38,7 @@ pub(super) struct ContactNodes {
     pub(super) points: Vec<SurfacePoint>,
     pub(super) groups: Vec<Group>,
     /// Triangles of contact nodes, the widest first.
-    pub(super) faces: Vec<Face>,
+    pub(super) faces: Vec<ContactTriangle>,
 }
 
 /// Displacement of contact nodes under unit forces on each other (m/N).
@@ -118,7 +118,8 @@ impl ContactNodes {
         let points = (0..).zip(areas).map(point).collect();
         let groups = groups(&places, areas, BOX);
         let normals = normals(&places, &faces);
-        let faces = widest(faces.into_iter().map(|face| Face::new(face, &places)).collect());
+        let faces =
+            widest(faces.into_iter().map(|face| ContactTriangle::new(face, &places)).collect());
         let own = own(&compliance);
         let compliance = NodeCompliance::Matrix(compliance, None);
         Self { condensed, compliance, own, places, normals, loads, points, groups, faces }

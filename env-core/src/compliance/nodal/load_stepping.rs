@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{
     super::push::{ForceControlled, push},
-    between::{Face, Standing, watched},
+    between::{ContactTriangle, Standing, watched},
     contact_nodes::{ContactNodes, Group},
     grid::CellGrid,
     patch::{Move, NodalScratch, Patch},
@@ -49,7 +49,7 @@ pub(super) struct NodalLoadStepping<'a> {
     law: ContactLaw,
     shapes: &'a [Shape],
     /// Faces that a shape could penetrate without touching a node.
-    watched: &'a [Face],
+    watched: &'a [ContactTriangle],
     resolution: ContactResolution,
     /// Greatest motion of a shape in one load step (m).
     longest_step: f64,
@@ -138,7 +138,7 @@ impl<'a> NodalLoadStepping<'a> {
     /// checked face; 0 if they touch.
     fn gap(&self, enough: f64) -> f64 {
         let mut gap = enough;
-        let between = self.watched.first().map_or(0.0, Face::reach);
+        let between = self.watched.first().map_or(0.0, ContactTriangle::reach);
         for group in &self.levels[0].groups {
             for (shape, pose) in self.shapes.iter().zip(&self.state.poses) {
                 if gap <= 0.0 {
