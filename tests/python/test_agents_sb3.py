@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tiny_agent import BLIND, HOLD, LIFT, TOUCH, exported, trained
 
 from ruffini.agents import Agent, load
-from ruffini.agents.sb3 import export, from_sb3, to_sb3
+from ruffini.agents.sb3 import export, first_seed, from_sb3, to_sb3
 from ruffini.sb3 import AsymmetricPolicy, fields, make_vec_env
 
 MARKERS = TOUCH | {"observation": ["wrench", "markers", "proprio"]}
@@ -214,3 +214,19 @@ def test_privileged_channels_are_some_of_the_observed_ones(privileged):
     envs = make_vec_env(HOLD, 1, tactile="none", observation=["object", "proprio"], obs="dict")
     with pytest.raises(ValueError, match=f"privileged: found {', '.join(privileged)}, expected"):
         PPO(AsymmetricPolicy, envs, policy_kwargs={"privileged": privileged}, device="cpu")
+
+
+def test_runs_share_no_episodes_with_each_other_or_with_an_evaluation():
+    firsts = [first_seed(seed, steps) for seed in range(300) for steps in (0, 2048)]
+    assert min(firsts) >= 1 << 32, "evaluation seeds are below"
+    assert min(np.diff(sorted(firsts))) >= 1 << 16, "room for as many environments"
+
+
+def test_an_agent_goes_on_in_other_episodes():
+    agent = load(LIFT)
+    model = to_sb3(agent, n_envs=2)
+    base = model.get_env()
+    while hasattr(base, "venv"):
+        base = base.venv
+    first = first_seed(agent.card["seed"], agent.card["steps"])
+    assert base._seeds == [first, first + 1]

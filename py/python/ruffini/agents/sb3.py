@@ -125,6 +125,16 @@ def from_sb3(
     return Agent(card, tensors)
 
 
+def first_seed(seed: int, steps: int = 0) -> int:
+    """Seed of the first environment of a run of that seed, after some steps; row i adds i.
+
+    Runs of neighbouring seeds share no episodes, and none has those of an evaluation, whose seeds
+    are below 2³².
+    """
+    drawn = int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])
+    return (1 << 32) + (drawn << 16)
+
+
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:
     """Convert the agent to a model of Stable-Baselines3, with its normalisation, for training.
 
@@ -136,7 +146,8 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
         agent: The agent.
         envs: Environments to train in, not normalised; ``None`` creates those of the card. Their
             settings may differ from the agent's, but not their channels.
-        **hyperparameters: Keyword arguments of PPO in place of the card's, and ``n_envs``.
+        **hyperparameters: Keyword arguments of PPO in place of the card's, and ``n_envs``. Of
+            ``policy_kwargs``, what gives the network its form is the agent's.
 
     Raises:
         ValueError: If the channels of the environments are not those of the agent.
@@ -147,10 +158,8 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
     n_envs = arguments.pop("n_envs")
     flat = card["policy"] == "MlpPolicy"
     if envs is None:
-        # A seed whose episodes were not used in training.
-        seed = arguments["seed"] + 1_000_003 + card["steps"]
         obs = "flat" if flat else "dict"
-        made = make_vec_env(card["env"], n_envs=n_envs, seed=seed, obs=obs, **card["settings"])
+        made = make_vec_env(card["env"], n_envs=n_envs, obs=obs, **card["settings"])
         envs = VecMonitor(made, info_keywords=("is_success",))
     agent.check(envs.observation_space)
     normalised = _normalised(agent, envs, arguments["gamma"])
@@ -164,8 +173,11 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
         hidden, features = next(iter(network["touch"].values()))
         kwargs["features_extractor_class"] = TouchExtractor
         kwargs["features_extractor_kwargs"] = {"hidden": hidden, "features": features}
+    kwargs = arguments.pop("policy_kwargs", {}) | kwargs
     model = PPO(card["policy"], normalised, policy_kwargs=kwargs, **arguments)
     model.num_timesteps = card["steps"]
+    # Other episodes than the agent has seen; PPO seeds them with its own seed.
+    normalised.seed(first_seed(arguments["seed"], card["steps"]))
     with torch.no_grad():
         for name, parameter in _parameters(model.policy).items():
             if name in agent.tensors:

@@ -22,6 +22,7 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
@@ -29,9 +30,10 @@ from tqdm import tqdm
 
 from ruffini._schema import TACTILE_CHANNELS
 from ruffini._settings import plain, read_json
+from ruffini._spaces import check_count
 from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent
 from ruffini.agents.params import Params, params
-from ruffini.agents.sb3 import from_sb3, to_sb3
+from ruffini.agents.sb3 import first_seed, from_sb3, to_sb3
 from ruffini.evaluation import about_this_run
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, fields, make_vec_env
 
@@ -60,7 +62,7 @@ def train(
         seed: Seed of the run.
         folder: Folder of the run.
         steps: Steps of all environments together, made whole rollouts; those of the
-            hyper-parameters if not given.
+            hyper-parameters if not given. The share of them with rigid pads stays the same.
         n_envs: Number of environments, likewise.
         settings: Keyword arguments of the environment.
         threads: Threads on which the environments step; one a core if not given.
@@ -72,12 +74,10 @@ def train(
             environment are not those of the agent.
     """
     torch.set_num_threads(1)
-    chosen = params(env_id)
-    chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
+    chosen = _sized(params(env_id), steps, n_envs)
     if agent is not None:
         form = "flat" if agent.card["policy"] == "MlpPolicy" else "dict"
-        algorithm = {k: value for k, value in chosen.algorithm.items() if k != "policy_kwargs"}
-        chosen = replace(chosen, algorithm=algorithm, steps_without_touch=0, privileged=[])
+        chosen = replace(chosen, steps_without_touch=0, privileged=[])
         settings = agent.settings | (settings or {}) | {"obs": form}
     chosen = chosen.with_settings(settings or {})
     model = new_model(env_id, chosen, seed, threads, agent)
@@ -114,7 +114,8 @@ def resume(
     about = read_json(folder / RUN)
     with _reading(folder / RUN):
         chosen = Params(**about.pop("params"))
-    chosen = replace(chosen, steps=steps or chosen.steps, n_envs=n_envs or chosen.n_envs)
+    without_touch = chosen.steps_without_touch
+    chosen = replace(_sized(chosen, steps, n_envs), steps_without_touch=without_touch)
     chosen = chosen.with_settings((settings or {}) | {"obs": chosen.obs})
     saved = folder / CHECKPOINT
     with _reading(saved / "model.zip"):
@@ -137,9 +138,21 @@ def resume(
     spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
     model = PPO.load(saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces)
     # The environments start anew: other episodes than before, from a stream of their own.
-    normalised.seed(about["seed"] + 1_000_003 + done)
+    normalised.seed(first_seed(about["seed"], done))
     chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch + done)
     return _learn(model, chosen, curve, folder, about, threads)
+
+
+def _sized(chosen: Params, steps: int | None, n_envs: int | None) -> Params:
+    """Hyper-parameters for other numbers of steps and environments, where given."""
+    if steps is not None:
+        check_count("steps", steps)
+        without_touch = round(chosen.steps_without_touch * steps / chosen.steps)
+        chosen = replace(chosen, steps=steps, steps_without_touch=without_touch)
+    if n_envs is not None:
+        check_count("n_envs", n_envs)
+        chosen = replace(chosen, n_envs=n_envs)
+    return chosen
 
 
 @contextmanager
@@ -165,14 +178,17 @@ def new_model(
         model = to_sb3(agent, envs.venv, **arguments)
         model.num_timesteps = 0
         return model
-    if chosen.obs == "flat":
-        return PPO("MlpPolicy", envs, **arguments)
-    touch: dict[str, Any] = {"features_extractor_class": TouchExtractor}
-    arguments["policy_kwargs"] = arguments["policy_kwargs"] | touch
-    if chosen.privileged:
-        arguments["policy_kwargs"] |= {"privileged": chosen.privileged}
-        return PPO(AsymmetricPolicy, envs, **arguments)
-    return PPO("MultiInputPolicy", envs, **arguments)
+    policy: str | type[AsymmetricPolicy] = "MlpPolicy"
+    if chosen.obs != "flat":
+        policy = "MultiInputPolicy"
+        given: dict[str, Any] = {"features_extractor_class": TouchExtractor}
+        if chosen.privileged:
+            policy, given["privileged"] = AsymmetricPolicy, chosen.privileged
+        arguments["policy_kwargs"] = arguments["policy_kwargs"] | given
+    model = PPO(policy, envs, **arguments)
+    # PPO seeds them with its own seed.
+    envs.seed(first_seed(seed))
+    return model
 
 
 def make_environment(
@@ -391,6 +407,8 @@ def _learn(
         made.card["steps"] += about["steps_before"]
         return made
 
+    # A logger of its own would leave an empty folder in that of temporary files.
+    model.set_logger(Logger(folder=None, output_formats=[]))
     done = model.num_timesteps
     with tqdm(total=chosen.steps, initial=done, unit=" steps", smoothing=0.1) as bar:
         progress = RunMonitor(folder, curve, _timed(model), agent, bar)
