@@ -224,9 +224,9 @@ def test_runs_share_no_episodes_with_each_other_or_with_an_evaluation():
 
 def test_an_agent_goes_on_in_other_episodes():
     agent = load(LIFT)
-    model = to_sb3(agent, n_envs=2)
+    model = to_sb3(agent, n_envs=8)
     base = model.get_env()
     while hasattr(base, "venv"):
         base = base.venv
     first = first_seed(agent.card["seed"], agent.card["steps"])
-    assert base._seeds == [first, first + 1]
+    assert base._seeds[:2] == [first, first + 1]
