@@ -12,7 +12,7 @@ from sim_to_sim_cases import BALL, DRAGGED, FRICTION, MODELS, MORE_NODES, UNSOLV
 PAGE = """# Do agents do as well with finite elements?
 
 The agents that come with the package learnt with the network of the gel, `tactile="surrogate"`,
-whose displacement and stress are off by [a tenth and more](networks.md). Do these errors mislead
+whose displacement and stress are [some per cent off](networks.md). Do these errors mislead
 them, or have they learnt to use them? Here each policy plays the same evaluation seeds twice: with
 the network, and with finite elements in its place, `tactile="fem"`, which it has never felt.
 Object, size, mass, friction and start of a seed are the same; another model answers how the pads
