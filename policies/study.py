@@ -24,6 +24,7 @@ from typing import Any
 
 from ruffini.agents import CHECKPOINT, load
 from ruffini.agents.params import params
+from ruffini.agents.sb3 import first_seed
 from ruffini.agents.training import train
 from ruffini.evaluation import about_this_run, evaluate
 from study_pages import write_pages
@@ -32,6 +33,8 @@ RESULTS = Path(__file__).parent / "results"
 """Folder of the rows that are committed."""
 FIRST_SEED = 100
 """Training seeds are this and the following."""
+SEEDS = 5
+"""Number of training seeds of a kind, if none are named."""
 EPISODES = 200
 FIRST_EVALUATION_SEED = 20_000
 """Evaluation seeds are this and the following: others than tuning was judged by."""
@@ -73,11 +76,6 @@ OTHERWISE = {"touch": "errors", "errors": "touch"}
 """Kinds whose agents are evaluated with the settings of another one, too, where both exist."""
 
 
-def number_of_seeds(kind: str) -> int:
-    """Ten of what an environment shows by default, five of what it is compared with."""
-    return 10 if kind == "touch" else 5
-
-
 def rows_of(env_id: str, folder: Path = RESULTS) -> list[dict[str, Any]]:
     """The finished runs of an environment."""
     file = folder / f"{env_id.split('/')[-1]}.jsonl"
@@ -113,6 +111,7 @@ def run(
         "env": env_id,
         "kind": kind,
         "seed": seed,
+        "first_seed": first_seed(seed),
         "steps": steps,
         "threads": threads,
         "wall": round(wall, 1),
@@ -157,8 +156,7 @@ def main() -> None:
             if kind not in KINDS[env_id]:
                 known = ", ".join(KINDS[env_id])
                 parser.error(f"--kind: found {kind!r}, expected one of {known} for {env_id}")
-            first, count = FIRST_SEED, number_of_seeds(kind)
-            for seed in arguments.seeds or range(first, first + count):
+            for seed in arguments.seeds or range(FIRST_SEED, FIRST_SEED + SEEDS):
                 if any((row["kind"], row["seed"]) == (kind, seed) for row in rows_of(env_id, out)):
                     continue
                 name = f"{env_id.split('/')[-1]}-{kind}-{seed}"
