@@ -55,9 +55,9 @@ def page(by_kind: dict[str, list[dict[str, Any]]], name: str) -> str:
         f"Success over {first['episodes']} evaluation seeds without exploration noise, for "
         "training seeds that no hyper-parameter was tuned on. IQM is the mean of the middle half "
         "of the seeds, with its 95 % bootstrap interval over seeds, which holds the true value in "
-        "about 90 % of cases if there are five of them (94 % if ten) and they scatter normally. Made by "
-        "`python policies/study.py`. *Minutes* are wall time, partly on a busy machine; *CPU "
-        "minutes* are the run's own. *Return* is the sum of an episode's rewards, a mean over "
+        "about 90 % of cases if there are five of them (94 % if ten) and they scatter normally. "
+        "Made by `python policies/study.py`. *Minutes* are wall time, partly on a busy machine; "
+        "*CPU minutes* are the run's own. *Return* is the sum of an episode's rewards, a mean over "
         f"episodes. The default observation is {usual(first['env'])}.",
         "",
         "| agent sees | seeds | IQM | 95 % interval | median | worst seed | steps | minutes | "
