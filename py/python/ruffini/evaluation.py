@@ -109,15 +109,17 @@ def evaluate(
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
     ended, state, steps = np.zeros(episodes, bool), None, 0
+    first = np.ones(episodes, bool)
     endings: Counter[str] = Counter()
     while not ended.all():
-        action, state = policy.predict(observation, state, deterministic=True)
+        action, state = policy.predict(observation, state, first, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
         over = (terminated | truncated) & ~ended
         success[over] = info["is_success"][over]
         endings.update(info["ending"][terminated & over] if "ending" in info else ())
         ended |= over
+        first = terminated
         steps += 1
         if progress is not None:
             progress(int(ended.sum()), episodes, steps)
