@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,6 +85,31 @@ def test_a_run_goes_on(run, tmp_path, capsys):
     ):
         assert command(*wrong, "--steps", 1000, "--resume", "--out", folder) == 2
         assert text in capsys.readouterr().err
+
+
+def test_a_kill_while_the_checkpoint_is_replaced_loses_one_checkpoint_alone(
+    run, tmp_path, monkeypatch, capsys
+):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    done = agents.load(folder).card["steps"]
+    replaced, words = Path.rename, ["train", "HoldStill", "--out", folder]
+
+    def killed(path, target):
+        if path.name == "checkpoint.new":
+            raise SystemExit("killed")
+        return replaced(path, target)
+
+    with monkeypatch.context() as patch, pytest.raises(SystemExit, match="killed"):
+        patch.setattr(Path, "rename", killed)
+        command(*words, "--resume", "--steps", done + 256)
+    assert not (folder / "checkpoint").exists()
+    assert agents.load(folder).card["steps"] == done
+    assert command(*words) == 2
+    assert "run holds a run: give --resume to go on" in capsys.readouterr().err
+    assert command(*words, "--resume", "--steps", done + 256) == 0
+    assert agents.load(folder).card["steps"] == done + 256
+    assert {file.name for file in folder.glob("checkpoint*")} == {"checkpoint"}
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ from typing import Any
 
 from ruffini._spaces import check_writable, writing
 from ruffini.agents import (
-    CHECKPOINT,
     CHECKPOINT_AGENT,
     SUFFIX,
     Agent,
     checkpoint,
     environment_id,
+    last_checkpoint,
     load,
 )
 from ruffini.commands.policy import (
@@ -118,8 +118,7 @@ def _train(options: argparse.Namespace) -> None:
         raise ValueError(f"seed: found {options.seed}, expected a whole number from 0 below 2**32")
     changes = settings(options.settings)
     folder = options.out or Path("runs", f"{env_id.split('/')[-1]}-{options.seed}")
-    saved = (folder / CHECKPOINT).exists()
-    if saved and not options.resume:
+    if last_checkpoint(folder) is not None and not options.resume:
         raise ValueError(f"out: {folder} holds a run: give --resume to go on, or another --out")
     agent = load(options.begin) if options.begin is not None else None
     if options.resume:
@@ -143,7 +142,7 @@ def _train(options: argparse.Namespace) -> None:
         else:
             training.train(env_id, options.seed, folder, settings=changes, agent=agent, **given)
     except KeyboardInterrupt:
-        if (folder / CHECKPOINT).exists():
+        if last_checkpoint(folder) is not None:
             print(f"\n{folder}: --resume goes on from the last checkpoint", file=sys.stderr)
         raise
     print(f"ruffini play --policy {folder} shows the agent")
