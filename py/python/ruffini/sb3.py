@@ -355,7 +355,7 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
             raise ValueError(
                 f"privileged: found {', '.join(privileged)}, expected some, but not all, of {known}"
             )
-        self.seen = seen
+        self.seen, self._privileged = seen, list(privileged)
         kwargs |= {"share_features_extractor": False}
         kwargs.setdefault("features_extractor_class", TouchExtractor)
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
@@ -367,6 +367,9 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
             "policy: found AsymmetricPolicy in an algorithm that learns off-policy, expected PPO "
             "or A2C, whose policy has a value function of states"
         )
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return super()._get_constructor_parameters() | {"privileged": self._privileged}
 
     def make_features_extractor(self) -> BaseFeaturesExtractor:
         """Create the actor's extractor at the first call, the value function's at the second."""
