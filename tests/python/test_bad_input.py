@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -346,6 +347,26 @@ def test_a_closed_environment_says_so():
             each.step(action)
         with pytest.raises(ClosedEnvironmentError, match="reset: found a closed environment"):
             each.reset()
+
+
+def test_a_closed_environment_is_of_no_use_and_holds_no_memory():
+    env, envs = (
+        GraspLiftEnv(tactile="none", render_mode="rgb_array"),
+        GraspLiftVectorEnv(2, tactile="none", render_mode="rgb_array"),
+    )
+    for each in (env, envs):
+        each.reset(seed=0)
+        state, batch = each.state(), each._batch
+        each.close()
+        assert sys.getrefcount(batch) <= 2, "the environment holds its batch"
+        for name, *arguments in (
+            ("render",),
+            ("state",),
+            ("set_state", state),
+            *(("look",), ("plan",), ("skin",), ("channels",), ("surfaces",)),
+        ):
+            with pytest.raises(ClosedEnvironmentError, match=f"^{name}: found a closed env"):
+                getattr(each, name)(*arguments)
 
 
 def test_unknown_options_of_a_reset_are_refused_with_the_nearest_word():

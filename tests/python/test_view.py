@@ -41,6 +41,18 @@ def test_an_episode_shows_bodies_stress_and_curves(frames):
     assert frames[-1].title.endswith((": success", ": failure"))
 
 
+def test_steps_of_another_length_are_shown_as_long_as_they_take():
+    physics = {"control_period": 0.1}
+    settings = {"max_episode_steps": 2, "tactile": "none", "physics": physics}
+    frames = list(view.episode(choose("GraspLift", "scripted", settings), 10_000))
+    assert [frame.title.split(", ")[-1].split(" s")[0] for frame in frames] == [
+        "0.00",
+        "0.10",
+        "0.20",
+    ]
+    assert {frame.seconds for frame in frames} == {0.1}
+
+
 def test_the_deformed_face_lies_on_the_object(frames):
     body, pad = frames[-1].bodies["object"], frames[-1].bodies[view._SIDES[0]]
     points = pad.forces[0]

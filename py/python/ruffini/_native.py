@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ruffini._core import Batch
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import naming_nearest, to_json
-from ruffini._spaces import Renderer, Spaces
+from ruffini._spaces import ClosedBatch, Renderer, Spaces
 from ruffini._trained_gels import warn_of
 
 
@@ -117,6 +117,10 @@ class Native:
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         """Take one step in all rows."""
         return StepArrays(*self._batch.step(actions))
+
+    def _close(self) -> None:
+        """Free the batch; whatever needs it is an error from then on."""
+        self._batch = cast("Batch", ClosedBatch())
 
     def channels(self) -> Channels:
         """Channels in order, with name, lower bounds, upper bounds and unit of each component.

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import TetMesh
 from ruffini._frames import _turned
+from ruffini._schema import control_period
 from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
 
@@ -121,7 +122,7 @@ class ViewerFrame:
     bodies: dict[str, Rigid | Soft]
     values: dict[str, list[float]] = field(default_factory=dict)
     """Components, at most four, of each curve; its name has the unit."""
-    seconds: float = 0.04
+    seconds: float = control_period()
     """Time for which it is shown (s)."""
 
 

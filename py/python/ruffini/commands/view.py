@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ruffini import Deformation, dataset, objects, sensor, viewing
 from ruffini._frames import _turned
+from ruffini._schema import control_period
 from ruffini._spaces import check_seed
 from ruffini.commands.policy import HELP, TASK, Chosen, choose
 from ruffini.dataset import Body, Dataset, Pad, PressFrame, SoftFrame
@@ -129,9 +130,11 @@ def episode(chosen: Chosen, seed: int) -> Iterator[ViewerFrame]:
     terms, task = dict.fromkeys(plain._batch.reward_terms(), 0.0), chosen.env_id.split("/")[-1]
     look, over, state, ending = drawn.look(), False, None, ""
     about = f"{task}, seed {seed}: {look['object']} of {1e3 * look['mass']:.0f} g"
+    period = control_period(settings)
     for step in itertools.count():
-        title = f"{about}, {0.04 * step:.2f} s{ending}"
-        yield ViewerFrame(title, drawn.bodies(observation), drawn.values(observation, terms))
+        title = f"{about}, {period * step:.2f} s{ending}"
+        bodies, values = drawn.bodies(observation), drawn.values(observation, terms)
+        yield ViewerFrame(title, bodies, values, period)
         if over:
             return
         parts = {name: observation[name][None] for name in names}
