@@ -326,7 +326,7 @@ def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
     assert found["solved"]["success"]["difference"] == found["solved"]["return"]["difference"] == 0
 
 
-def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
+def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path, capsys):
     from engine import Rows, run
 
     file, told = tmp_path / "rows.jsonl", []
@@ -341,7 +341,21 @@ def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
     run(rows, {"a": (case, 1), "b": (case, 2)})
     assert told == [1, 2]
     assert [row["figure"] for row in Rows(file, {"commit": "one"})] == [1, 2]
-    assert not len(Rows(file, {"commit": "two"}))
+    drawn = {"commit": "one", "versions": {"matplotlib": "3.10"}}
+    assert len(Rows(file, drawn)) == 2
+    for commit in ("two", "one", "two", "three"):
+        rows = Rows(file, {"commit": commit})
+        assert not len(rows)
+        run(rows, {"a": (case, 3)})
+    assert "rows.jsonl: made under other conditions, kept as rows.one.jsonl" in (
+        capsys.readouterr().out
+    )
+    names = {"one", "two", "one-2", "two-2"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "rows.jsonl",
+        *(f"rows.{name}.jsonl" for name in names),
+    }
+    assert [row["figure"] for row in Rows(tmp_path / "rows.one.jsonl", drawn)] == [1, 2]
 
 
 def test_the_balance_of_a_body_on_a_known_path_is_its_load():
