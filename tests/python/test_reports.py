@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import ruffini
+from ruffini._frames import turned
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
@@ -237,7 +238,7 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
 
 
 def test_shapes_that_begin_buried_are_as_deep_as_is_said():
-    extreme, turned = module("extreme"), module("meshes").turned
+    extreme = module("extreme")
     mesh = ruffini.sensor("gelsight-mini", resolution=300).mesh
     assert extreme.face_height(mesh, np.zeros(2)) == pytest.approx(0.0, abs=1e-4)
     for number in range(20):
