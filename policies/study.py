@@ -30,7 +30,7 @@ from study_pages import write_pages
 
 RESULTS = Path(__file__).parent / "results"
 """Folder of the rows that are committed."""
-FIRST_SEED = 100
+FIRST_TRAINING_SEED = 100
 """Training seeds are this and the following."""
 EPISODES = 200
 FIRST_EVALUATION_SEED = 20_000
@@ -157,7 +157,7 @@ def main() -> None:
             if kind not in KINDS[env_id]:
                 known = ", ".join(KINDS[env_id])
                 parser.error(f"--kind: found {kind!r}, expected one of {known} for {env_id}")
-            first, count = FIRST_SEED, number_of_seeds(kind)
+            first, count = FIRST_TRAINING_SEED, number_of_seeds(kind)
             for seed in arguments.seeds or range(first, first + count):
                 if any((row["kind"], row["seed"]) == (kind, seed) for row in rows_of(env_id, out)):
                     continue

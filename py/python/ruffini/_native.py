@@ -71,7 +71,8 @@ class Native:
     """Channels that the agent sees, the first of the batch's; ``None``: all."""
     _terms: list[str]
     _endings: list[str]
-    _rows: int
+    _count: int
+    """Number of environments."""
     _threads: int
     _autoreset: str
 
@@ -106,7 +107,7 @@ class Native:
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK, self._ARGUMENTS)
         with naming_nearest():
-            return Batch(settings, self._rows, self._threads, self._autoreset)
+            return Batch(settings, self._count, self._threads, self._autoreset)
 
     def _begin(
         self, seeds: list[int | None] | None, mask: NDArray[np.bool_] | None

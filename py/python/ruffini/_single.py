@@ -64,7 +64,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         camera: Camera = "corner",
         **settings: Unpack[Settings],
     ) -> None:
-        self._rows = self._threads = 1
+        self._count = self._threads = 1
         self._autoreset = AutoresetMode.DISABLED.value
         self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode

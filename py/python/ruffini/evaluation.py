@@ -36,14 +36,14 @@ __all__ = [
 ]
 
 FIRST_SEED = 10_000
-"""First of the consecutive evaluation seeds; training seeds are far below."""
+"""First of the consecutive evaluation seeds; environments in training have seeds from 2³² on."""
 
 ProgressCallback = Callable[[int, int, int], None]
 """Called after every step with the episodes finished, all episodes, and the steps taken."""
 
 
 class Policy(Protocol):
-    """Policy with Stable-Baselines3's signature."""
+    """Policy whose ``predict`` takes what Stable-Baselines3's does, deterministic by default."""
 
     def predict(
         self,
@@ -114,7 +114,7 @@ def evaluate(
     first = np.ones(episodes, bool)
     endings: Counter[str] = Counter()
     while not ended.all():
-        action, state = policy.predict(observation, state, first, deterministic=True)
+        action, state = policy.predict(observation, state, episode_start=first, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
         over = (terminated | truncated) & ~ended

@@ -1,9 +1,9 @@
 """Trained agents, one per task: `load` returns one, which acts without torch.
 
-``ruffini.agents.load("GraspLift").predict(observation)`` has Stable-Baselines3's signature;
-``ruffini play`` plays one. `ruffini.agents.training` trains them (``ruffini agent train``),
-`ruffini.agents.params` has the hyper-parameters, and `ruffini.agents.sb3` converts models of
-Stable-Baselines3 to agents and back.
+``ruffini.agents.load("GraspLift").predict(observation)`` takes what Stable-Baselines3's ``predict``
+does, but is deterministic if not told otherwise; ``ruffini play`` plays an agent.
+`ruffini.agents.training` trains them (``ruffini agent train``), `ruffini.agents.params` has the
+hyper-parameters, and `ruffini.agents.sb3` converts models of Stable-Baselines3 to agents and back.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Policies that are not learnt: a hand-written (scripted) one for each task, and a random one.
 
-A policy has the ``predict`` of Stable-Baselines3 and acts on dict observations of N environments::
+The ``predict`` of a policy takes what Stable-Baselines3's does, for dict observations of N
+environments::
 
     policy, state = ruffini.policies.scripted("ruffini/GraspLift-v0"), None
     action, state = policy.predict(observation, state, episode_start)
