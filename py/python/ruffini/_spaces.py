@@ -31,6 +31,8 @@ Camera = str | Mapping[str, Any]
 
 ACTION_SIZE = 5
 MOST_ENVIRONMENTS = 1_000_000
+MOST_THREADS = 1024
+MOST_STEPS = 10**12
 NO_LIMIT = 1_000_000
 
 _FIELD_OF_VIEW = 0.6
@@ -119,9 +121,9 @@ class Renderer:
             hint = f"; {_WINDOW}" if mode == "human" else ""
             raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'{hint}")
         for name, pixels in (("width", width), ("height", height)):
-            if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
+            if not (isinstance(pixels, (int, np.integer)) and 16 <= pixels <= 4096):
                 raise ValueError(f"{name}: found {pixels!r}, expected 16 to 4096 pixels")
-        self.mode, self.width, self.height = mode, width, height
+        self.mode, self.width, self.height = mode, int(width), int(height)
         self.camera = as_camera(camera)
 
     def draw(self, batch: Batch, row: int, camera: Camera | None = None) -> RenderFrame:
@@ -171,11 +173,11 @@ def _point(name: str, value: Any) -> list[float]:
     return [float(x) for x in point]
 
 
-def check_count(name: str, count: Any) -> None:
-    """Raise a ``ValueError`` unless `count` is a valid number of environments or threads."""
+def check_count(name: str, count: Any, most: int = MOST_ENVIRONMENTS) -> None:
+    """Raise a ``ValueError`` unless `count` is a whole number from 1 to `most`."""
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if not (whole and 1 <= count <= MOST_ENVIRONMENTS):
-        expected = f"a whole number from 1 to {MOST_ENVIRONMENTS}"
+    if not (whole and 1 <= count <= most):
+        expected = f"a whole number from 1 to {most}"
         raise ValueError(f"{name}: found {count!r}, expected {expected}")
 
 

@@ -17,6 +17,7 @@ from ruffini._native import Native
 from ruffini._settings import Settings, nearest
 from ruffini._spaces import (
     ACTION_SIZE,
+    MOST_THREADS,
     Camera,
     Renderer,
     RenderFrame,
@@ -105,10 +106,10 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             ) from None
         check_count("num_envs", num_envs)
         if num_threads is not None:
-            check_count("num_threads", num_threads)
+            check_count("num_threads", num_threads, MOST_THREADS)
         self.num_envs = num_envs
         self.autoreset_mode = mode
-        self._rows, self._autoreset = num_envs, mode.value
+        self._count, self._autoreset = num_envs, mode.value
         self._threads = num_threads or min(usable_cores(), num_envs)
         self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
@@ -279,8 +280,11 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         Raises:
             ValueError: If the bytes are damaged or come from an environment with other settings.
         """
-        if not (isinstance(states, (list, tuple)) and all(isinstance(s, bytes) for s in states)):
+        if not isinstance(states, (list, tuple)):
             raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
+        for row, state in enumerate(states):
+            if not isinstance(state, bytes):
+                raise ValueError(f"state[{row}]: found {type(state).__name__}, expected bytes")
         observation = self._batch.load(list(states))
         self._started = True
         self._ended = self._batch.ended()

@@ -29,7 +29,7 @@ from tqdm import tqdm
 
 from ruffini._schema import TACTILE_CHANNELS
 from ruffini._settings import plain, read_json
-from ruffini._spaces import check_count
+from ruffini._spaces import MOST_STEPS, check_count
 from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint
 from ruffini.agents.params import Params, params
 from ruffini.agents.sb3 import first_seed, from_sb3, to_sb3
@@ -145,7 +145,7 @@ def resume(
 def _sized(chosen: Params, steps: int | None, n_envs: int | None) -> Params:
     """Hyper-parameters for other numbers of steps and environments, where given."""
     if steps is not None:
-        check_count("steps", steps)
+        check_count("steps", steps, MOST_STEPS)
         without_touch = round(chosen.steps_without_touch * steps / chosen.steps)
         chosen = replace(chosen, steps=steps, steps_without_touch=without_touch)
     if n_envs is not None:

@@ -8,7 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import (
+    MOST_ENVIRONMENTS,
+    MOST_STEPS,
+    MOST_THREADS,
+    check_count,
+    check_writable,
+    writing,
+)
 from ruffini.agents import (
     CHECKPOINT_AGENT,
     SUFFIX,
@@ -110,10 +117,11 @@ def _add_export(parts: Any) -> None:
 
 def _train(options: argparse.Namespace) -> None:
     env_id = environment_id(options.task)
-    given = {name: getattr(options, name) for name in ("steps", "n_envs", "threads")}
-    for name, count in given.items():
-        if count is not None and count < 1:
-            raise ValueError(f"{name.replace('_', '-')}: found {count}, expected at least 1")
+    limits = {"steps": MOST_STEPS, "n_envs": MOST_ENVIRONMENTS, "threads": MOST_THREADS}
+    given = {name: getattr(options, name) for name in limits}
+    for name, most in limits.items():
+        if given[name] is not None:
+            check_count(name.replace("_", "-"), given[name], most)
     if not 0 <= options.seed < 2**32:
         raise ValueError(f"seed: found {options.seed}, expected a whole number from 0 below 2**32")
     changes = settings(options.settings)
@@ -171,8 +179,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 def _export(options: argparse.Namespace) -> None:
     if options.out.suffix != SUFFIX:
         raise ValueError(f"out: found {options.out}, expected a {SUFFIX} file")
-    if options.episodes < 1:
-        raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
+    check_count("episodes", options.episodes)
     check_writable("out", options.out)
     agent = Agent.read(checkpoint(options.folder) / CHECKPOINT_AGENT)
     agent.evaluate(options.episodes, Bar(agent.env_id, agent.settings))
