@@ -21,10 +21,10 @@ from pathlib import Path
 from ruffini.agents import RUN, load
 from ruffini.agents.params import params
 from ruffini.agents.training import train
-from ruffini.evaluation import evaluate, line
+from ruffini.evaluation import FIRST_SEED, evaluate, line
 from ruffini.policies import RandomPolicy, scripted
 from ruffini.video import film
-from study import FIRST_SEED, rows_of
+from study import FIRST_TRAINING_SEED, rows_of
 
 ENV_ID = "ruffini/GraspLift-v0"
 OUT = Path(__file__).parent / "runs/quickstart"
@@ -56,7 +56,7 @@ def main() -> int:
     parser.add_argument(
         "--seed",
         type=int,
-        default=FIRST_SEED,
+        default=FIRST_TRAINING_SEED,
         help="training seed, the first on record if not given",
     )
     parser.add_argument("--episodes", type=int, default=200, help="evaluation episodes")
@@ -80,7 +80,8 @@ def main() -> int:
     print(line(f"agent ({minutes:.1f} min)", judged))
     for name, policy in (("scripted", scripted(ENV_ID)), ("random", RandomPolicy())):
         print(line(name, evaluate(policy, ENV_ID, arguments.episodes)))
-    print(film(agent, agent.env_id, folder / "lift.gif", range(10_000, 10_003), **agent.settings))
+    seeds = range(FIRST_SEED, FIRST_SEED + 3)
+    print(film(agent, agent.env_id, folder / "lift.gif", seeds, **agent.settings))
     if arguments.steps != usual:
         print(f"a run of other than {usual:,} steps is not judged")
         return 0

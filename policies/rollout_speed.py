@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from collections.abc import Callable
 from itertools import islice
@@ -35,7 +34,8 @@ from numpy.typing import NDArray
 
 from peers import PEERS, peer
 from ruffini import TASKS, custom
-from ruffini.evaluation import about_this_run
+from ruffini._schema import control_period
+from ruffini.evaluation import about_this_run, usable_cores
 from scaling import cost, table
 from timing import (
     ENV_ID,
@@ -49,7 +49,7 @@ from timing import (
     touching,
 )
 
-CONTROL_STEP = 0.04
+CONTROL_STEP = control_period()
 """Time that a step of it simulates (s)."""
 
 
@@ -253,7 +253,7 @@ def infos_cost(seconds: float) -> dict[str, Any]:
 
 def memory_growth(steps: int) -> float:
     """Bytes by which so many environment steps grow the process, after as many to warm up."""
-    envs = make(256, os.cpu_count() or 1)
+    envs = make(256, usable_cores())
     step = random_steps(envs, 256)
     for i in range(steps // 256):
         step(i)
@@ -272,7 +272,7 @@ def write(file: Path | None, figures: dict[str, Any]) -> None:
 
 def rollouts(seconds: float, quick: bool) -> dict[str, Any]:
     """Steps per second by number of environments and threads, memory, and peers."""
-    cores = os.cpu_count() or 1
+    cores = usable_cores()
     sizes = [1, 64] if quick else [1, 16, 64, 256, 1024]
     threads = sorted({t for t in (1, 2, 4, cores) if t <= cores})
     per_environment = round(memory_per_environment())

@@ -10,13 +10,13 @@ on two cores).
 from __future__ import annotations
 
 import multiprocessing
-import os
 import statistics
 from concurrent.futures import ProcessPoolExecutor
 from functools import reduce
 from itertools import islice
 from typing import Any
 
+from ruffini.evaluation import usable_cores
 from timing import ENV_ID, make, memory_per_environment, resident_bytes, scripted_steps
 
 STEPS = 1e8
@@ -53,7 +53,7 @@ Rates = dict[str, dict[str, float]]
 def cost(quick: bool) -> dict[str, Any]:
     """Rates, memory and cost of both models of touch."""
     least, repeats = (8, 1) if quick else (N, 3)
-    n = max(least, os.cpu_count() or 1)
+    n = max(least, usable_cores())
     sizes = sorted({1, n // 4, n, 4 * n})
     models = {model: measured(model, n, sizes, repeats) for model in MODELS}
     return {"steps": STEPS, "environments": n, "episode": EPISODE, "repeats": repeats} | models
@@ -126,7 +126,7 @@ def predicted(processes: dict[int, float], threads: dict[int, float]) -> dict[st
 
 def doubled() -> list[int]:
     """1, 2, 4 and so on up to the cores of this machine, and these."""
-    cores = os.cpu_count() or 1
+    cores = usable_cores()
     return sorted({2**power for power in range(cores.bit_length())} | {cores})
 
 

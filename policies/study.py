@@ -31,7 +31,7 @@ from study_pages import write_pages
 
 RESULTS = Path(__file__).parent / "results"
 """Folder of the rows that are committed."""
-FIRST_SEED = 100
+FIRST_TRAINING_SEED = 100
 """Training seeds are this and the following."""
 SEEDS = 5
 """Number of training seeds of a kind, if none are named."""
@@ -156,7 +156,8 @@ def main() -> None:
             if kind not in KINDS[env_id]:
                 known = ", ".join(KINDS[env_id])
                 parser.error(f"--kind: found {kind!r}, expected one of {known} for {env_id}")
-            for seed in arguments.seeds or range(FIRST_SEED, FIRST_SEED + SEEDS):
+            first = FIRST_TRAINING_SEED
+            for seed in arguments.seeds or range(first, first + SEEDS):
                 if any((row["kind"], row["seed"]) == (kind, seed) for row in rows_of(env_id, out)):
                     continue
                 name = f"{env_id.split('/')[-1]}-{kind}-{seed}"

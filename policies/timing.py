@@ -83,13 +83,16 @@ class Step(NamedTuple):
 
 
 def scripted_steps(envs: Any, env_id: str) -> Iterator[Step]:
-    """Steps of an environment's scripted policy from seed 0 on, without end."""
-    policy = scripted(env_id)
+    """Steps of an environment's scripted policy from seed 0 on, without end, in mode NextStep."""
+    policy, state = scripted(env_id), None
     observation, _ = envs.reset(seed=0)
+    first, over = np.ones(envs.num_envs, bool), np.zeros(envs.num_envs, bool)
     while True:
-        action, _ = policy.predict(observation)
+        action, state = policy.predict(observation, state, first)
+        first = over  # The step after an episode's last one begins the next.
         (observation, _, terminated, truncated, info), *took = timed(envs.step, action)
-        yield Step(observation, terminated | truncated, info, *took)
+        over = terminated | truncated
+        yield Step(observation, over, info, *took)
 
 
 def touching(observation: dict[str, Any]) -> NDArray[np.bool_]:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import ruffini
+from ruffini._schema import control_period
 
 Floats = NDArray[np.floating[Any]]
 CHANNELS = ["proprio", "wrench", *ruffini.TACTILE_CHANNELS]
@@ -190,7 +191,7 @@ def curves(lines: dict[str, Floats], grip: Floats, label: str) -> Figure:
     figure, axes = plt.subplots(
         2, 1, sharex=True, figsize=(6.4, 3.6), dpi=110, layout="constrained", height_ratios=[3, 1]
     )
-    seconds = np.arange(len(grip)) * 0.04
+    seconds = np.arange(len(grip)) * control_period()
     for text, values in lines.items():
         axes[0].plot(seconds, values, label=text)
     axes[0].legend(fontsize=8)

@@ -14,7 +14,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from engine import COLOURS, Rows, made, plt, run, table, text
+from engine import COLOURS, Rows, made, plt, quantiles, run, table, text
+from ruffini._errors import apart
 from ruffini.policies import scripted
 from timing import timed
 
@@ -143,7 +144,7 @@ def miss(found: np.ndarray, exact: np.ndarray, channel: str) -> float:
     """Relative L2 error of a channel of both pads; of a wrench, of its forces."""
     if channel == "wrench":
         found, exact = (np.r_[wrench[:3], wrench[6:9]] for wrench in (found, exact))
-    return size(found - exact) / size(exact)
+    return apart(found, exact)
 
 
 def hold(thing: str, model: str) -> dict[str, float]:
@@ -234,7 +235,7 @@ def spread(what: str):
         errors = row["errors"][what]
         if not errors:
             return "–"
-        return " / ".join(f"{100 * x:.1f}" for x in np.percentile(errors, [50, 95]))
+        return " / ".join(f"{100 * x:.1f}" for x in quantiles(errors).values())
 
     return cell
 

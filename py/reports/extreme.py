@@ -11,8 +11,9 @@ import numpy as np
 
 import ruffini
 from engine import ROOT
-from meshes import surface, turned
+from meshes import surface
 from ruffini import Press, Shape, SoftBody, TetMesh
+from ruffini._frames import turned
 
 sys.path.append(str(ROOT / "tests/python"))
 from bodies import box

@@ -14,6 +14,7 @@ import numpy as np
 
 import ruffini
 from extreme import WrongError, spread
+from ruffini._schema import control_period
 from ruffini.envs import GraspLiftVectorEnv
 from ruffini.evaluation import Policy
 from ruffini.policies import scripted
@@ -101,7 +102,7 @@ def scene(case: dict) -> GraspLiftVectorEnv:
         max_episode_steps=1_000_000,
         gripper={"max_force": case["grip"]},
         physics={
-            "control_period": step * math.ceil(0.04 / step - 1e-9),
+            "control_period": step * math.ceil(control_period() / step - 1e-9),
             "time_step": step,
             "iterations": case["iterations"],
         },

@@ -17,7 +17,7 @@ import numpy as np
 
 import load_cases as cases
 import load_markers as markers
-from engine import COLOURS, Rows, filled, made, plt, run, spread, table, text
+from engine import COLOURS, Rows, filled, made, plt, quantiles, run, spread, table, text
 
 ONE_THREAD = True
 MADE_OF = ["env-core", "py/src", "py/reports/load.py", "py/reports/load_cases.py"]
@@ -198,8 +198,7 @@ def rows_of(row: dict[str, Any], state: str, of: str) -> np.ndarray:
 
 def three(values: np.ndarray) -> dict[str, float]:
     """Median, 95th percentile and the worst."""
-    median, high = np.quantile(values, [0.5, 0.95])
-    return {"median": float(median), "p95": float(high), "worst": float(values.max())}
+    return quantiles(values, "p95") | {"worst": float(values.max())}
 
 
 def settling(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

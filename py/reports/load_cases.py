@@ -26,11 +26,12 @@ import gymnasium
 import numpy as np
 
 from engine import KEPT
+from ruffini._schema import control_period
 from ruffini.commands import shapes
 from ruffini.policies import part, scripted
 
 LIFT, HOLD = "ruffini:ruffini/GraspLift-v0", "ruffini:ruffini/HoldStill-v0"
-PERIOD, STEP, GRAVITY = 0.04, 0.004, 9.81
+PERIOD, STEP, GRAVITY = control_period(), 0.004, 9.81
 """Time of a control step and of a step of the rigid bodies (s), and gravity (m/s²)."""
 LIMIT = 5.0
 """Largest acceleration of the hand along an axis, where not set (m/s²)."""

@@ -13,13 +13,6 @@ SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 """Corners of a tetrahedron's four sides, counter-clockwise from outside."""
 
 
-def turned(quaternion: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) turned by a quaternion xyzw."""
-    axis, w = np.asarray(quaternion[:3]), quaternion[3]
-    cross = np.cross(axis, vectors)
-    return vectors + 2 * (w * cross + np.cross(axis, cross))
-
-
 def volumes(mesh: ruffini.TetMesh, moved: np.ndarray | float = 0.0) -> np.ndarray:
     """Volumes of the tetrahedra (T,), with the vertices moved (V, 3)."""
     a, b, c, d = np.moveaxis((mesh.vertices + moved)[mesh.tets], 1, 0)

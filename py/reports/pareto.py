@@ -11,7 +11,6 @@ clock: all else on the machine must rest.
 from __future__ import annotations
 
 import json
-import os
 from argparse import ArgumentParser, Namespace
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ import pareto_cases
 from engine import KEPT, OUT, ROOT, Rows, filled, made, plt, quantiles, run, spread, table, text
 from engine.figures import BLUE, BROWN, GREEN, LIGHT, RED
 from pareto_cases import ANSWERERS, ELEMENTS, FEW
+from ruffini.evaluation import usable_cores
 
 ONE_THREAD = True
 PARTS = ("geometry", "deformation", "contact", "fem", "compliance", "surrogate")
@@ -57,7 +57,7 @@ def make(options: Namespace) -> dict:
             work = (pareto_cases.rows, quick, most, number, lacking, nodes, kept)
             presses[f"{case.panel}/{case.name}"] = work
     run(rows, presses, jobs=options.jobs)
-    cores = os.cpu_count() or 1
+    cores = usable_cores()
     batches = {
         f"batch/{name}/{threads}": (pareto_cases.batch, name, cores * (1 if quick else 4), threads)
         for name in names

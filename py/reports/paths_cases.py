@@ -15,6 +15,7 @@ import numpy as np
 
 import ruffini
 from ruffini import Deformation, Fem, LinearPad, Press, PressError, Shape, Surrogate
+from ruffini._errors import apart
 
 SENSOR = "gelsight-mini"
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -100,11 +101,8 @@ def work(answers: list[Deformation], before: tuple[float, ...] | None = None) ->
 def change(found: Deformation, other: Deformation) -> Row:
     """Relative differences of displacement and force."""
     return {
-        part: float(np.linalg.norm(a - b) / np.linalg.norm(b))
-        for part, a, b in (
-            ("displacement", found.displacement, other.displacement),
-            ("force", found.wrench[:3], other.wrench[:3]),
-        )
+        "displacement": apart(found.displacement, other.displacement),
+        "force": apart(found.wrench[:3], other.wrench[:3]),
     }
 
 

@@ -9,7 +9,6 @@ run.
 
 from __future__ import annotations
 
-import os
 import resource
 import tempfile
 from argparse import Namespace
@@ -27,6 +26,7 @@ from peers import PEERS, peer
 from rollout_speed import CONTROL_STEP, random_rollout
 from ruffini import Shape
 from ruffini.envs import GraspLiftVectorEnv
+from ruffini.evaluation import usable_cores
 from timing import resident_bytes, scripted_steps, touching
 
 MADE_OF = ["env-core", "py/src", "py/python/ruffini/sb3.py"]
@@ -103,7 +103,7 @@ def make(options: Namespace) -> dict:
         things = ("sphere", "cuboid") if name in BOTH else ("sphere",)
         for thing in ("sphere",) if quick else PICTURED if name in PICTURES else things:
             cases[f"cost {name}, {thing}"] = (cost, name, thing, steps)
-    threads = [2**i for i in range(int(np.log2(os.cpu_count() or 1)) + 1)]
+    threads = [2**i for i in range(int(np.log2(usable_cores())) + 1)]
     for name, counts in SCALING.items():
         for count, some in product(counts[:1] if quick else counts, threads):
             if some <= count:

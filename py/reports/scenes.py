@@ -28,9 +28,10 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import ruffini
-from meshes import at_nodes, surface, turned
+from meshes import at_nodes, surface
 from ruffini import TASKS, Fem, Grasp, Press, PressError, Shape, SoftBody
 from ruffini._core import CAMERAS
+from ruffini._frames import turned
 from ruffini.policies import scripted
 
 matplotlib.use("Agg")

@@ -64,11 +64,18 @@ class Clumsy:
         self._policy = policy
         self._random = np.random.default_rng(seed)
         self._push = np.zeros((rows, 5))
+        self._state: Any = None
+        self._over = np.zeros(rows, bool)
 
-    def __call__(self, observation: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-        """The next actions."""
+    def __call__(
+        self, observation: dict[str, NDArray[np.float32]], over: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
+        """The next actions, after a step in which the episodes of some rows were `over`."""
         random, rows = self._random, len(self._push)
-        action = self._policy.predict(observation)[0] if self._policy else 0.0
+        action: Any = 0.0
+        if self._policy is not None:
+            action, self._state = self._policy.predict(observation, self._state, self._over)
+        self._over = over  # The step after an episode's last one begins the next.
         pushed = random.random((rows, 1)) < 0.6
         push = random.normal(0.0, 0.5, (rows, 5)) * pushed
         self._push = np.where(random.random((rows, 1)) < 0.05, push, self._push)
@@ -90,17 +97,18 @@ def soaked(name: str, steps: int, count: int) -> dict[str, Any]:
     act = Clumsy(None if blind else scripted(f"ruffini/{task}-v0"), count, seed=len(name))
     endings, errors, touched = Counter(), Counter(), 0
     episodes, warm, before, begun = 0, steps // 10, 0.0, time.perf_counter()
+    ended = np.zeros(count, bool)
     for taken in range(0, steps, count):
         if taken <= warm < taken + count:
             before = resident_bytes()
-        observation, ended, info = stepped(envs, act(observation), name)
+        observation, ended, info = stepped(envs, act(observation, ended), name)
         forces = part(observation, "proprio", "normal force of each pad")
         touched += int((forces > 0).any(axis=1).sum())
         episodes += int(ended.sum())
         endings.update(kind for kind in info.get("ending", []) if kind)
         errors.update(kind for kind in info.get("press_error", []) if kind)
     spent, after = time.perf_counter() - begun, resident_bytes()
-    replay(envs, act, observation, name)
+    replay(envs, act, observation, ended, name)
     return {
         "steps": taken + count,
         "touching": touched / (taken + count),
@@ -127,13 +135,16 @@ def stepped(envs: gym.vector.VectorEnv, action: NDArray[np.float32], name: str) 
     return observation, terminated | truncated, info
 
 
-def replay(envs: gym.vector.VectorEnv, act: Clumsy, observation: Any, name: str) -> None:
+def replay(
+    envs: gym.vector.VectorEnv, act: Clumsy, observation: Any, ended: Any, name: str
+) -> None:
     """Plays the same actions twice from a snapshot."""
     native: Any = envs.unwrapped
     snapshot, actions, seen = native.state(), [], []
     for _ in range(REPLAYED):
-        actions.append(act(observation))
-        observation, *_ = envs.step(actions[-1])
+        actions.append(act(observation, ended))
+        observation, _, terminated, truncated, _ = envs.step(actions[-1])
+        ended = terminated | truncated
         seen.append(observation)
     native.set_state(snapshot)
     for action, first in zip(actions, seen, strict=True):

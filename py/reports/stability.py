@@ -22,7 +22,7 @@ import tomllib
 import extreme
 import extreme_scenes
 from engine import KEPT, OUT, Rows, grid, made, plt, quantiles, table, text
-from engine.rows import header
+from engine.rows import conditions, header
 from engine.watched import answers
 from verdict import judged
 
@@ -69,7 +69,7 @@ def make(options: Namespace) -> dict:
     now = about["commit"]
     about |= {"commit": options.keep or now}
     file = KEPT / options.form / "stability.jsonl"
-    if options.keep and not (file.exists() and begun_as(file) == about):
+    if options.keep and not (file.exists() and conditions(begun_as(file)) == conditions(about)):
         raise SystemExit(f"--keep {options.keep}: {file} has no rows of that build and machine")
     rows = Rows(file, about)
     if unknown := [one for one in options.again if not any(named(row, [one]) for row in rows)]:

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 import ruffini
-from engine import COLOURS, KEPT, ROOT, Rows, made, plt, readable, run, table, text
+from engine import COLOURS, KEPT, ROOT, Rows, made, plt, quantiles, readable, run, table, text
 from engine.rows import header
 from ruffini import Press, PressError
+from ruffini._errors import apart
 
 sys.path.insert(0, str(ROOT / "tests/reference"))
 import presses
@@ -131,7 +132,7 @@ def judged(number: int, others: dict[str, Path], kept: Path) -> dict[str, Any]:
             if not isinstance(found, PressError):
                 fields = (found.displacement, found.von_mises, found.wrench[:3])
                 pairs = zip(fields, exact, strict=True)
-                row["errors"][name] = [presses.apart(a, b) for a, b in pairs]
+                row["errors"][name] = [apart(a, b) for a, b in pairs]
                 if name == NETWORK and found.predicted_error is not None:
                     row["predicted"] = list(found.predicted_error)
         frames.append(row)
@@ -156,10 +157,7 @@ def groups(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
     def spread(errors: list[list[float]]) -> dict[str, list[float]]:
         columns = zip(*errors, strict=True)
-        return {
-            part: [float(np.quantile(of, q)) for q in (0.5, 0.95)]
-            for part, of in zip(PARTS, columns, strict=True)
-        }
+        return {part: [*quantiles(of).values()] for part, of in zip(PARTS, columns, strict=True)}
 
     found: dict[str, Any] = {}
     for group, belongs in GROUPS.items():

@@ -21,8 +21,9 @@ import numpy as np
 import extreme_scenes
 import ruffini
 from extreme import BURIED, GELS, NETWORK, WrongError, lowered, press, shape, soft_body
-from meshes import surface, turned, volumes
+from meshes import surface, volumes
 from ruffini import Compliance, Deformation, Fem, LinearPad, PressError, SoftBody, Surrogate
+from ruffini._frames import turned
 
 NAMED = ("not-converged", "penetrated", "inverted", "unreachable", "invalid", "network")
 TOLERANCE = 1e-7

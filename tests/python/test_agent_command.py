@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,6 +85,31 @@ def test_a_run_goes_on(run, tmp_path, capsys):
     ):
         assert command(*wrong, "--steps", 1000, "--resume", "--out", folder) == 2
         assert text in capsys.readouterr().err
+
+
+def test_a_kill_while_the_checkpoint_is_replaced_loses_one_checkpoint_alone(
+    run, tmp_path, monkeypatch, capsys
+):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    done = agents.load(folder).card["steps"]
+    replaced, words = Path.rename, ["train", "HoldStill", "--out", folder]
+
+    def killed(path, target):
+        if path.name == "checkpoint.new":
+            raise SystemExit("killed")
+        return replaced(path, target)
+
+    with monkeypatch.context() as patch, pytest.raises(SystemExit, match="killed"):
+        patch.setattr(Path, "rename", killed)
+        command(*words, "--resume", "--steps", done + 256)
+    assert not (folder / "checkpoint").exists()
+    assert agents.load(folder).card["steps"] == done
+    assert command(*words) == 2
+    assert "run holds a run: give --resume to go on" in capsys.readouterr().err
+    assert command(*words, "--resume", "--steps", done + 256) == 0
+    assert agents.load(folder).card["steps"] == done + 256
+    assert {file.name for file in folder.glob("checkpoint*")} == {"checkpoint"}
 
 
 @pytest.mark.parametrize(
@@ -243,8 +269,11 @@ def test_a_flat_agent_is_trained_further(tmp_path):
     ("words", "text"),
     [
         (["train", "HoldStil"], "task: found 'HoldStil', did you mean 'HoldStill'?"),
-        (["train", "HoldStill", "--steps", "0"], "steps: found 0, expected at least 1"),
-        (["train", "HoldStill", "--n-envs", "-1"], "n-envs: found -1, expected at least 1"),
+        (["train", "HoldStill", "--steps", "0"], "steps: found 0, expected a whole number from 1"),
+        (
+            ["train", "HoldStill", "--n-envs", "-1"],
+            "n-envs: found -1, expected a whole",
+        ),
         (["train", "HoldStill", "--seed", "-1"], "seed: found -1, expected a whole number"),
         (["train", "HoldStill", "--seed", str(2**32)], "a whole number from 0 below 2**32"),
         (["train", "HoldStill", "--settings", "load"], "settings: found 'load', expected JSON"),
@@ -261,7 +290,10 @@ def test_a_flat_agent_is_trained_further(tmp_path):
         (["evaluate", "FILE", "--settings", '{"tactile": "none"}'], "found channels "),
         (["evaluate", "FILE", "--settings", '{"tactil": 1}'], "did you mean 'tactile'?"),
         (["evaluate", "scripted", "--settings", '{"observation": "proprio"}'], "the scripted"),
-        (["evaluate", "FILE", "--episodes", "0"], "episodes: found 0, expected at least 1"),
+        (
+            ["evaluate", "FILE", "--episodes", "0"],
+            "episodes: found 0, expected a whole",
+        ),
         (["evaluate", "FILE", "--json", "RUNS/none/a.json"], "json: RUNS/none/a.json: No such"),
         (["export", "RUNS/short", "--out", "a.onnx"], "found a.onnx, expected a .safetensors file"),
         (["export", "RUNS/shrt", "--out", "a.safetensors"], "did you mean 'RUNS/short'?"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -30,7 +31,8 @@ def test_agents_that_come_with_the_package_are_whole():
         assert set(SAID) <= set(told) and told["episodes"] >= 200, told
         low, high = told["interval"]
         assert 0 <= low <= told["success"] <= high <= 1
-        assert agent.card["commit"] and agent.card["threads"] >= 1 and agent.card["steps"] > 0
+        assert re.fullmatch(r"[0-9a-f]{7,}(, [0-9a-f]{7,})*", agent.card["commit"])
+        assert agent.card["threads"] >= 1 and agent.card["steps"] > 0
         env = gym.make(agent.env_id, **agent.settings)
         agent.check(env.observation_space)
         action, _ = agent.predict(env.reset(seed=0)[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gymnasium.error import ClosedEnvironmentError
 
 import ruffini
 from ruffini import dataset
+from ruffini._schema import SETTINGS
 from ruffini._settings import with_nearest
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 from ruffini.policies import scripted
@@ -55,37 +57,7 @@ JUNK = [
     "\x00",
     "a.stl",
 ]
-NAMES = [
-    "objects",
-    "mass",
-    "friction",
-    "size",
-    "position",
-    "yaw",
-    "start",
-    "start_height",
-    "gel_stiffness",
-    "lift_height",
-    "hold_time",
-    "max_episode_steps",
-    "observation",
-    "sensor_errors",
-    "reward_weights",
-    "gripper",
-    "workspace",
-    "physics",
-    "obs",
-    "render_mode",
-    "width",
-    "height",
-    "camera",
-    "num_envs",
-    "num_threads",
-    "autoreset_mode",
-    "nonsense",
-    "scene",
-    "reward",
-]
+NAMES = [*SETTINGS, *GraspLiftVectorEnv._ARGUMENTS, "nonsense", "scene", "reward"]
 
 
 def outcome(make, *arguments, **keywords) -> str:
@@ -113,7 +85,7 @@ def junk(random: np.random.Generator, depth: int = 0):
     return JUNK[random.integers(len(JUNK))]
 
 
-@pytest.mark.parametrize("count", [1_000, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_bad_settings_are_refused_or_make_an_environment(count):
     random = np.random.default_rng(0)
     refused = 0
@@ -256,6 +228,8 @@ def test_arguments_of_the_constructor_are_among_the_known_words():
         assert "clearance" not in outcome(make, nonsense=1), "a setting of another task"
     for name, near in (("num_thread", "num_threads"), ("nenvs", "num_envs"), ("with", "width")):
         assert f"{name!r}, did you mean {near!r}?" in outcome(GraspLiftVectorEnv, **{name: 3})
+    many = outcome(GraspLiftVectorEnv, num_threads=1025)
+    assert many == "num_threads: found 1025, expected a whole number from 1 to 1024"
     assert "'env_kwargs', expected one of num_envs" in outcome(GraspLiftVectorEnv, env_kwargs={})
 
 
@@ -346,6 +320,26 @@ def test_a_closed_environment_says_so():
             each.step(action)
         with pytest.raises(ClosedEnvironmentError, match="reset: found a closed environment"):
             each.reset()
+
+
+def test_a_closed_environment_is_of_no_use_and_holds_no_memory():
+    env, envs = (
+        GraspLiftEnv(tactile="none", render_mode="rgb_array"),
+        GraspLiftVectorEnv(2, tactile="none", render_mode="rgb_array"),
+    )
+    for each in (env, envs):
+        each.reset(seed=0)
+        state, batch = each.state(), each._batch
+        each.close()
+        assert sys.getrefcount(batch) <= 2, "the environment holds its batch"
+        for name, *arguments in (
+            ("render",),
+            ("state",),
+            ("set_state", state),
+            *(("look",), ("plan",), ("skin",), ("channels",), ("surfaces",)),
+        ):
+            with pytest.raises(ClosedEnvironmentError, match=f"^{name}: found a closed env"):
+                getattr(each, name)(*arguments)
 
 
 def test_unknown_options_of_a_reset_are_refused_with_the_nearest_word():

@@ -225,8 +225,7 @@ def test_points_that_cannot_be_right_are_named(case, command, capsys):
     assert command(points) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.startswith("ruffini: ")
-    with pytest.raises(ValueError, match=message):
-        raise ValueError(line)
+    assert re.search(message, line), line
 
 
 OPTIONS = {

@@ -289,7 +289,7 @@ def test_what_is_no_task_is_refused():
             make(3)
         with pytest.raises(ValueError, match=r"Wrong\.base: found 'Juggle'"):
             make(case(base="Juggle"))
-    with pytest.raises(ValueError, match="Low has its weights in `terms`"):
+    with pytest.raises(ValueError, match=r"found \{'low': 1\}, expected none: Low has its"):
         CustomEnv(Low, reward_weights={"low": 1})
     with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):
         CustomEnv(Low, colour=1)

@@ -22,7 +22,7 @@ from tiny_dataset import TINY
 import ruffini
 from ruffini import dataset, surrogate
 from ruffini._distributions import by_family, family
-from ruffini._frames import _turned
+from ruffini._frames import turned
 from ruffini.commands import main
 
 pytest.importorskip("safetensors")
@@ -63,6 +63,12 @@ def test_every_frame_can_be_read(data):
     assert data[-1].number == 1 and data[1].force > data[0].force
     with pytest.raises(IndexError, match="found 4, expected less than 4"):
         data[4]
+    with pytest.raises(TypeError, match=r"found slice\(None, 2, None\), expected a whole number"):
+        data[:2]
+    near = data.grasps[0]
+    for ask in (data.frames, data.plan, data.gel, data.mesh):
+        with pytest.raises(KeyError, match=f"found '{near}0', did you mean '{near}'"):
+            ask(f"{near}0")
 
 
 def test_every_frame_is_in_balance(data):
@@ -87,7 +93,7 @@ def test_pads_take_over_the_weight_as_they_grip(tmp_path):
     assert loads == sorted(loads) and loads[0] < 0.5 * loads[-1]
     assert loads[-1] == pytest.approx(3000 * 9.80665 * volume, rel=1e-9)
     for frame in data:
-        borne = sum(_turned(pad.pose, pad.wrench[None, :3])[0] for pad in frame.pads)
+        borne = sum(turned(pad.pose, pad.wrench[None, :3])[0] for pad in frame.pads)
         # The solver's tolerance is 1e-6 N.
         assert np.abs(borne - frame.load[:3]).max() < 1.001e-6
         off = frame.imbalance()
@@ -590,5 +596,5 @@ def test_distributions_are_drawn_by_family(data, folder, tmp_path):
 
 
 def test_a_field_that_is_not_there_is_named(data):
-    with pytest.raises(ValueError, match=r"found third\.force"):
-        data.column(data.grasps[0], "third.force")
+    with pytest.raises(ValueError, match=r"'forse', did you mean 'force'\? expected one of clos"):
+        data.column(data.grasps[0], "forse")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 
-from ruffini.evaluation import FIRST_SEED, bootstrap, evaluate, line, wilson
+from ruffini import evaluation
+from ruffini.evaluation import FIRST_SEED, about_this_run, bootstrap, evaluate, line, wilson
 
 LIFT = "ruffini/GraspLift-v0"
 SHORT = {"tactile": "none", "max_episode_steps": 7}
@@ -70,3 +74,27 @@ def test_every_early_ending_is_counted_once():
     dropped = evaluate(LetsGo(), "ruffini/HoldStill-v0", 4, tactile="none", friction=0.2, load=1.5)
     assert dropped["endings"] == {"dropped": 4}
     assert evaluate(Still(), LIFT, 3, **SHORT)["endings"] == {}
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="git is not installed")
+def test_a_commit_from_which_the_sources_differ_is_marked(tmp_path, monkeypatch):
+    module, result = tmp_path / "py/python/ruffini/evaluation.py", tmp_path / "tests/result.json"
+
+    def commit() -> str:
+        return about_this_run()["commit"]
+
+    for file in (module, result):
+        file.parent.mkdir(parents=True)
+        file.write_text("one")
+    monkeypatch.setattr(evaluation, "__file__", str(module))
+    assert commit() == "unknown"
+    me = ["-c", "user.name=me", "-c", "user.email=me@example.org"]
+    for words in (["init", "-q"], ["add", "."], [*me, "commit", "-qm", "first"]):
+        subprocess.run(["git", "-C", str(tmp_path), *words], check=True)
+    clean = commit()
+    assert len(clean) >= 7 and not clean.endswith("+")
+    result.write_text("two")
+    (module.parent / "untracked.py").touch()
+    assert commit() == clean
+    module.write_text("two")
+    assert commit() == f"{clean}+"

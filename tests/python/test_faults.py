@@ -28,6 +28,7 @@ NO_SPACE = "No space left on device"
 TASK, RIGID = "ruffini/GraspLift-v0", {"tactile": "none", "max_episode_steps": 3}
 EVALUATE = ["agent", "evaluate", "random", "--task", "GraspLift", "--episodes", "1", "--settings"]
 EVALUATE += ['{"tactile": "none", "max_episode_steps": 3}', "--json"]
+CALIBRATE = ["calibrate", "curve.csv", "--sensor", "digit", "--indenter", "sphere"]
 
 
 @pytest.fixture
@@ -129,12 +130,15 @@ def test_a_generation_on_a_full_disk_names_its_file_and_leaves_no_half_of_it(tmp
         [*EVALUATE, "a.json"],
         ["mesh", "BOX", "--repair", "a.stl"],
         ["sensor", "template", "--out", "a.toml"],
+        [*CALIBRATE, "--out", "a.toml"],
+        [*CALIBRATE, "--plot", "a.png"],
         ["dataset", "generate", "a", "--objects", "1", "--grasps", "1", "--frames", "1"],
     ],
     ids=lambda words: words[0],
 )
 def test_what_cannot_be_written_is_named_in_one_line(words, box, closed, capsys):
-    pytest.importorskip({"view": "viser", "mesh": "trimesh"}.get(words[0], "numpy"))
+    needed = {"view": "viser", "mesh": "trimesh", "calibrate": "scipy"}
+    pytest.importorskip(needed.get(words[0], "numpy"))
     places = {"BOX": box} | {word: closed / word for word in words if word.split(".")[0] == "a"}
     line = refused([places.get(word, word) for word in words], capsys)
     assert f"{closed}/a" in line

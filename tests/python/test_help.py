@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import http.server
 import os
 import re
@@ -9,9 +10,12 @@ import runpy
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from ruffini import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("policies", "py/docs", "py/reports", "tests/reference")
@@ -54,6 +58,23 @@ def test_help_never_does_work(script, tmp_path, monkeypatch, capsys):
         assert stop.code in (None, 0), stop.code
     assert capsys.readouterr().out.startswith("usage: ")
     assert (changed(), os.listdir(tmp_path)) == (before, [])
+
+
+def subcommands(parser: argparse.ArgumentParser) -> Iterator[list[str]]:
+    """Words that lead to each parser, this one's first."""
+    yield []
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, sub in action.choices.items():
+                yield from ([name, *words] for words in subcommands(sub))
+
+
+@pytest.mark.parametrize("words", [*subcommands(commands.parser())], ids=" ".join)
+def test_every_subcommand_has_help(words, capsys):
+    with pytest.raises(SystemExit) as stop:
+        commands.main([*words, "--help"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out.startswith(" ".join(["usage: ruffini", *words]))
 
 
 def test_links_of_no_site_are_a_failure(tmp_path, monkeypatch, capsys):

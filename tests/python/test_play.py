@@ -43,11 +43,19 @@ def test_it_says_what_an_evaluation_says(file):
     result = evaluate(agents.load(file), "ruffini/HoldStill-v0", 3, first_seed=5, **COARSE, **GRIP)
     assert found.split()[:2] == ["agent", f"{result['success']:.1%}"]
     assert told.startswith("its card, 200 seeds        90.0%  (85.1% to 93.4%)")
-    assert verdict in ("as its card says", "less than its card says", "more than its card says")
+    assert verdict == commands.play._verdict(result["interval"], (0.851, 0.934))
     # Elsewhere than on a terminal progress is a line a quarter.
     lines = done.stderr.splitlines()
     assert [text.split(",")[0] for text in lines] == ["0 %", "25 %", "50 %", "75 %", "100 %"]
     assert lines[-1] == "100 %, 3 of 3 episodes"
+
+
+@pytest.mark.parametrize(
+    ("found", "word"),
+    [((0.1, 0.3), "less than"), ((0.1, 0.5), "as"), ((0.5, 0.9), "as"), ((0.7, 0.9), "more than")],
+)
+def test_a_success_rate_is_told_from_the_cards_by_their_intervals(found, word):
+    assert commands.play._verdict(found, (0.4, 0.6)) == f"{word} its card says"
 
 
 @pytest.mark.parametrize(("policy", "least", "most"), [("scripted", 0.8, 1.0), ("random", 0, 0.2)])
@@ -128,8 +136,7 @@ def test_it_writes_an_mp4(file, tmp_path):
 
 def test_agents_that_come_with_the_package_play():
     for name in agents.names():
-        done = play(name, "--episodes", 2)
-        assert done.returncode == 0, done.stderr
+        assert commands.main(["play", name, "--episodes", "2"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -149,7 +156,10 @@ def test_agents_that_come_with_the_package_play():
             ["GraspLift", "--policy", "FILE"],
             "found one of ruffini/HoldStill-v0, expected one",
         ),
-        (["--policy", "FILE", "--episodes", "0"], "episodes: found 0, expected at least 1"),
+        (
+            ["--policy", "FILE", "--episodes", "0"],
+            "episodes: found 0, expected a whole",
+        ),
         (["--policy", "FILE", "--episodes", "two"], "invalid int value: 'two'"),
         (["--policy", "FILE", "--video-episodes", "0"], "video-episodes: found 0"),
         (["--policy", "FILE", "--threads", "0"], "threads: found 0"),

@@ -38,6 +38,9 @@ def test_the_default_camera_is_where_its_pose_says():
     env.reset(seed=0)
     picture = env.render()
     np.testing.assert_array_equal(env.render("corner"), picture)
+    same = GraspLiftEnv(**SIZE | {"width": np.int64(320)})
+    same.reset(seed=0)
+    np.testing.assert_array_equal(same.render(), picture)
     np.testing.assert_array_equal(env.render(CORNER), picture)
     np.testing.assert_array_equal(env.render({**CORNER, "position": [0.3, -0.42, 0.28]}), picture)
 

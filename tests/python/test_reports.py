@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import ruffini
+from ruffini._frames import turned
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORTS = ROOT / "tests/reports"
@@ -237,7 +238,7 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
 
 
 def test_shapes_that_begin_buried_are_as_deep_as_is_said():
-    extreme, turned = module("extreme"), module("meshes").turned
+    extreme = module("extreme")
     mesh = ruffini.sensor("gelsight-mini", resolution=300).mesh
     assert extreme.face_height(mesh, np.zeros(2)) == pytest.approx(0.0, abs=1e-4)
     for number in range(20):
@@ -326,7 +327,7 @@ def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
     assert found["solved"]["success"]["difference"] == found["solved"]["return"]["difference"] == 0
 
 
-def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
+def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path, capsys):
     from engine import Rows, run
 
     file, told = tmp_path / "rows.jsonl", []
@@ -341,7 +342,21 @@ def test_rows_are_kept_until_what_they_depend_on_changes(tmp_path):
     run(rows, {"a": (case, 1), "b": (case, 2)})
     assert told == [1, 2]
     assert [row["figure"] for row in Rows(file, {"commit": "one"})] == [1, 2]
-    assert not len(Rows(file, {"commit": "two"}))
+    drawn = {"commit": "one", "versions": {"matplotlib": "3.10"}}
+    assert len(Rows(file, drawn)) == 2
+    for commit in ("two", "one", "two", "three"):
+        rows = Rows(file, {"commit": commit})
+        assert not len(rows)
+        run(rows, {"a": (case, 3)})
+    assert "rows.jsonl: made under other conditions, kept as rows.one.jsonl" in (
+        capsys.readouterr().out
+    )
+    names = {"one", "two", "one-2", "two-2"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "rows.jsonl",
+        *(f"rows.{name}.jsonl" for name in names),
+    }
+    assert [row["figure"] for row in Rows(tmp_path / "rows.one.jsonl", drawn)] == [1, 2]
 
 
 def test_the_balance_of_a_body_on_a_known_path_is_its_load():

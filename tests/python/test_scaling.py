@@ -34,7 +34,7 @@ def test_two_cores_are_predicted_from_one():
 
 @pytest.mark.parametrize(("cores", "counts"), [(1, [1]), (2, [1, 2]), (6, [1, 2, 4, 6])])
 def test_cores_are_doubled_up_to_all_of_them(cores, counts, monkeypatch):
-    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    monkeypatch.setattr("scaling.usable_cores", lambda: cores)
     assert doubled() == counts
 
 

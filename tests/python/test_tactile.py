@@ -190,9 +190,8 @@ def test_a_reset_forgets_what_was_felt():
 
 
 @pytest.mark.parametrize("threads", [1, 3])
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_a_row_of_a_batch_equals_the_single_environment(mode, threads):
-    envs = GraspLiftVectorEnv(3, num_threads=threads, autoreset_mode=mode, **everything())
+def test_a_row_of_a_batch_equals_the_single_environment(threads):
+    envs = GraspLiftVectorEnv(3, num_threads=threads, **everything())
     rows, _ = envs.reset(seed=5)
     singles = [GraspLiftEnv(**everything()) for _ in range(3)]
     for i, env in enumerate(singles):

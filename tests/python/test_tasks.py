@@ -414,6 +414,30 @@ def test_a_scripted_policy_names_the_channels_that_it_reads(env_id):
             policy.predict(wrong)
 
 
+@pytest.mark.parametrize("env_id", IDS)
+def test_an_episode_that_begins_has_a_state_of_its_own(env_id):
+    policy, random = scripted(env_id), np.random.default_rng(0)
+    space = gym.make_vec(env_id, num_envs=3, **NEEDED.get(env_id, {})).observation_space
+
+    def drawn(name: str) -> np.ndarray:
+        # Forces that each pad bears, as of what is held.
+        return random.uniform(0.5, 1.0, space[name].shape).astype(np.float32)
+
+    before, after = ({name: drawn(name) for name in policy.reads} for _ in range(2))
+    _, state = policy.predict(before, None, np.ones(3, bool))
+    first = np.array([False, True, False])
+    action, following = policy.predict(after, state, first)
+    for rows, (expected, expected_state) in (
+        (first, policy.predict(after, None)),
+        (~first, policy.predict(after, state)),
+    ):
+        np.testing.assert_array_equal(action[rows], expected[rows])
+        for found, wanted in zip(following or (), expected_state or (), strict=True):
+            np.testing.assert_array_equal(found[rows], wanted[rows])
+    with pytest.raises(ValueError, match=r"episode_start: found shape \(2,\), expected \(3,\)"):
+        policy.predict(after, state or (), first[:2])
+
+
 class Proportional:
     """Grips by what it holds: so many times the largest shear of a pad lately."""
 

@@ -41,14 +41,26 @@ def test_an_episode_shows_bodies_stress_and_curves(frames):
     assert frames[-1].title.endswith((": success", ": failure"))
 
 
+def test_steps_of_another_length_are_shown_as_long_as_they_take():
+    physics = {"control_period": 0.1}
+    settings = {"max_episode_steps": 2, "tactile": "none", "physics": physics}
+    frames = list(view.episode(choose("GraspLift", "scripted", settings), 10_000))
+    assert [frame.title.split(", ")[-1].split(" s")[0] for frame in frames] == [
+        "0.00",
+        "0.10",
+        "0.20",
+    ]
+    assert {frame.seconds for frame in frames} == {0.1}
+
+
 def test_the_deformed_face_lies_on_the_object(frames):
     body, pad = frames[-1].bodies["object"], frames[-1].bodies[view._SIDES[0]]
     points = pad.forces[0]
-    world = view._turned(pad.pose, points) + pad.pose[:3]
+    world = view.turned(pad.pose, points) + pad.pose[:3]
     inverse = np.array([0, 0, 0, *(-body.pose[3:6]), body.pose[6]])
     shape = Shape.named(frames[-1].title.split(": ")[1].split()[0])
     scale = np.abs(body.vertices).max() / 0.02
-    gaps = scale * shape.distance(view._turned(inverse, world - body.pose[:3]) / scale)[0]
+    gaps = scale * shape.distance(view.turned(inverse, world - body.pose[:3]) / scale)[0]
     assert np.abs(gaps).max() < 3e-4, f"{np.abs(gaps).max()} m from the object"
 
 
@@ -201,7 +213,7 @@ def test_the_surface_of_an_object_is_its_shape_and_rests_on_the_table(name):
     assert off < 1e-6 and stress is None, f"{off} m beside the shape"
     look = env.unwrapped.look()
     pose = np.array([*look["object_position"], *look["object_quaternion"]])
-    lowest = (view._turned(pose, vertices) + pose[:3])[:, 2].min()
+    lowest = (view.turned(pose, vertices) + pose[:3])[:, 2].min()
     assert abs(lowest) < 5e-4, f"the lowest point is {lowest} m over the table"
     assert faces.max() < len(vertices)
 
@@ -251,7 +263,7 @@ def test_the_skin_of_a_mesh_is_closed_and_looks_outward():
         (["--policy", "scriptd"], "did you mean 'scripted'"),
         (["--out", "a.rrd"], "expected a .html file"),
         (["--out", "nowhere/a.html"], "nowhere/a.html: No such file or directory"),
-        (["--policy", "random", "--episodes", "0"], "expected at least 1"),
+        (["--policy", "random", "--episodes", "0"], "expected a whole number from 1"),
         (["--policy", "random", "--seed", "-1"], "seed: found -1"),
         (["GraspLift", "3"], "expected the folder of a dataset"),
     ],

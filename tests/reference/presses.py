@@ -28,6 +28,7 @@ from scipy.spatial.transform import Rotation
 import ruffini
 from ruffini import Fem, Press, PressError, Shape, SoftBody
 from ruffini._core import solve_press
+from ruffini._errors import apart
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = 20261123
@@ -259,8 +260,3 @@ def fields(
     settings = {"gels": [{"sensor": SENSOR, "share": 1.0, **gel}], **sizes}
     frames = solve_press(LABELS, json.dumps(settings), shape, path)
     return [f if isinstance(f, PressError) else (*f[:2], f[2][:3]) for f in frames]
-
-
-def apart(one: NDArray, other: NDArray) -> float:
-    """Distance of a field from another, relative to that one."""
-    return float(np.linalg.norm(one - other) / max(np.linalg.norm(other), 1e-300))

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini._plot import check
 from ruffini._settings import counted
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import writing
 
 if TYPE_CHECKING:
     from ruffini.dataset import Dataset
@@ -80,16 +81,11 @@ def draw(data: Dataset, path: str | PathLike[str]) -> None:
     """Draw the quantities by family, and the reasons of unsolved grasps, to a .png or .svg file.
 
     Raises:
-        ValueError: If the file has another ending or cannot be written.
+        ValueError: If the file has another ending or cannot be written, or matplotlib is missing.
     """
-    if Path(path).suffix not in (".png", ".svg"):
-        raise ValueError(f"file: found {path}, expected a name in .png or .svg")
-    check_writable("file", Path(path))
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        text = 'datasets are drawn with matplotlib: pip install "ruffini[data]"'
-        raise ImportError(text) from error
+    check(path)
+    from matplotlib.figure import Figure
+
     columns = by_family(data)
     height = 1.6 + 0.24 * len(columns)
     figure = Figure(figsize=(11, 2 * height), layout="constrained")

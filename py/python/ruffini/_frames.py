@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import TetMesh
 
@@ -47,11 +47,11 @@ class Body:
             ValueError: If the file has another ending or cannot be written.
         """
         fields: dict[str, NDArray[Any]] = {
-            "displacement": _turned(pose, self.displacement),
-            "contact_force": _turned(pose, self.contact_force),
+            "displacement": turned(pose, self.displacement),
+            "contact_force": turned(pose, self.contact_force),
             "von_mises": self.von_mises,
         }
-        TetMesh(_turned(pose, mesh.vertices) + pose[:3], mesh.tets).write(path, fields)
+        TetMesh(turned(pose, mesh.vertices) + pose[:3], mesh.tets).write(path, fields)
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class SoftFrame:
             origin).
         """
         total = self.body.contact_force.sum(axis=0, dtype=np.float64)
-        fingers = sum(_turned(finger.pose, finger.wrench[None, :3])[0] for finger in self.fingers)
+        fingers = sum(turned(finger.pose, finger.wrench[None, :3])[0] for finger in self.fingers)
         contact = float(np.linalg.norm(total + fingers))
         return {"contact": contact} | _left(self.fingers, np.zeros(3), np.zeros(6))
 
@@ -216,15 +216,16 @@ def _left(
     # The wrenches act on the sides, the load acts on the object.
     force, torque = -load.reshape(2, 3)
     for side in sides:
-        own, turning = _turned(side.pose, side.wrench.reshape(2, 3))
+        own, turning = turned(side.pose, side.wrench.reshape(2, 3))
         force += own
         torque += turning + np.cross(side.pose[:3] - place, own)
     return {"force": float(np.linalg.norm(force)), "torque": float(np.linalg.norm(torque))}
 
 
-def _turned(pose: NDArray[np.float64], vectors: NDArray[Any]) -> NDArray[np.float64]:
-    """Rotate vectors (N, 3) from the frame at `pose` to the outer frame."""
-    axis, real = pose[3:6], pose[6]
+def turned(pose: ArrayLike, vectors: NDArray[Any]) -> NDArray[np.float64]:
+    """Vectors (..., 3) turned by the quaternion of a `pose` (7,), or by a quaternion (4,)."""
+    *_, x, y, z, real = np.asarray(pose)
+    axis = np.array([x, y, z])
     across = np.cross(axis, vectors)
-    turned: NDArray[np.float64] = vectors + 2 * (real * across + np.cross(axis, across))
-    return turned
+    rotated: NDArray[np.float64] = vectors + 2 * (real * across + np.cross(axis, across))
+    return rotated

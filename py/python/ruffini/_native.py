@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ruffini._core import Batch
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import naming_nearest, to_json
-from ruffini._spaces import Renderer, Spaces
+from ruffini._spaces import ClosedBatch, Renderer, Spaces
 from ruffini._trained_gels import warn_of
 
 
@@ -71,7 +71,8 @@ class Native:
     """Channels that the agent sees, the first of the batch's; ``None``: all."""
     _terms: list[str]
     _endings: list[str]
-    _rows: int
+    _count: int
+    """Number of environments."""
     _threads: int
     _autoreset: str
 
@@ -106,7 +107,7 @@ class Native:
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK, self._ARGUMENTS)
         with naming_nearest():
-            return Batch(settings, self._rows, self._threads, self._autoreset)
+            return Batch(settings, self._count, self._threads, self._autoreset)
 
     def _begin(
         self, seeds: list[int | None] | None, mask: NDArray[np.bool_] | None
@@ -117,6 +118,10 @@ class Native:
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         """Take one step in all rows."""
         return StepArrays(*self._batch.step(actions))
+
+    def _close(self) -> None:
+        """Free the batch; whatever needs it is an error from then on."""
+        self._batch = cast("Batch", ClosedBatch())
 
     def channels(self) -> Channels:
         """Channels in order, with name, lower bounds, upper bounds and unit of each component.

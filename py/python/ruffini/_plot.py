@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import Deformation, PressError, SoftBody
 from ruffini._spaces import check_writable, writing
-from ruffini.viewing import Skin
+from ruffini.viewing import Skin, nodal_stress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,7 +125,9 @@ def _draw_section(axes: Any, body: SoftBody, answer: Deformation) -> None:
     places = at_cut(rest + answer.displacement)[:, ::2]
     for points, colour in ((at_rest, "0.6"), (places, "k")):
         axes.plot(*1e3 * points[outline].transpose(2, 1, 0), color=colour, linewidth=0.8)
-    _paint(axes, places, triangles, at_cut(_stress(body, answer)), **_STRESS)
+    _paint(
+        axes, places, triangles, 1e-3 * at_cut(nodal_stress(body.mesh, answer.von_mises)), **_STRESS
+    )
     axes.use_sticky_edges = False
     axes.margins(0.01, 0.06)
     axes.set(ylabel="z (mm)")
@@ -141,7 +143,7 @@ def _draw_face(axes: dict[str, Any], body: SoftBody, answer: Deformation) -> Non
     most = max(1e-6, np.abs(sunk).max())
     fields: dict[str, tuple[_Floats, dict[str, Any]]] = {
         "displacement": (sunk, _DISPLACEMENT | {"vmin": -most, "vmax": most}),
-        "stress": (_stress(body, answer)[skin.nodes], _STRESS),
+        "stress": (1e-3 * skin.stress(answer.von_mises), _STRESS),
     }
     for name, (values, look) in fields.items():
         _paint(axes[name], places[:, :2], seen, values, **look)
@@ -178,13 +180,6 @@ def _paint(
     picture = axes.tricontourf(x, y, triangles, values, levels=_COLOURS, **look)
     axes.figure.colorbar(picture, ax=axes, label=label)
     axes.set(xlabel="across, x (mm)", aspect="equal")
-
-
-def _stress(body: SoftBody, answer: Deformation) -> _Floats:
-    """Von Mises stress (V,) in kPa of the nodes, the mean of their tetrahedra."""
-    tets, nodes = body.mesh.tets.ravel(), len(body.mesh.vertices)
-    total = np.bincount(tets, np.repeat(answer.von_mises, 4), nodes)
-    return 1e-3 * total / np.bincount(tets, minlength=nodes)
 
 
 def _cut(

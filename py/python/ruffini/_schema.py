@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ruffini import _core
@@ -44,6 +44,13 @@ SHARED: dict[str, dict[str, Any]] = {each["name"]: each for each in SCHEMA["sett
 _OWN = (each["name"] for task in TASKS.values() for each in task["settings"])
 SETTINGS: list[str] = list(dict.fromkeys([*SHARED, *_OWN]))
 """Names of the settings of all tasks."""
+
+
+def control_period(settings: Mapping[str, Any] | None = None) -> float:
+    """Time of a step (s) of an environment with these settings, or with none."""
+    others = next(iter(TASKS.values()))["others"]
+    usual = next(each["default"] for each in others if each["name"] == "physics.control_period")
+    return float(((settings or {}).get("physics") or {}).get("control_period", usual))
 
 
 def specification(task: dict[str, Any]) -> str:

@@ -64,7 +64,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         camera: Camera = "corner",
         **settings: Unpack[Settings],
     ) -> None:
-        self._rows = self._threads = 1
+        self._count = self._threads = 1
         self._autoreset = AutoresetMode.DISABLED.value
         self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
@@ -82,18 +82,17 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         self._started = False
 
     _started = False
-    _closed = False
 
     def close(self) -> None:
-        """End the use of the environment; `step` and `reset` are errors from then on."""
+        """End the use of the environment and free its memory; all else is an error from then on."""
         super().close()
-        self._closed = True
+        self._close()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode; a seed restarts the random stream."""
-        check_open(self._closed, "reset")
+        check_open(self._batch, "reset")
         check_options(options)
         if seed is not None:
             check_seed(seed)
@@ -110,7 +109,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         self, action: NDArray[np.float32]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take one control step, of 40 ms by default."""
-        check_open(self._closed, "step")
+        check_open(self._batch, "step")
         actions = as_actions(action, (ACTION_SIZE,))[None]
         step = self._advance(actions)
         info: dict[str, Any] = {
@@ -138,6 +137,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         Raises:
             ValueError: If there is no such camera.
         """
+        check_open(self._batch, "render")
         self._renderer.view(camera)
         if self.render_mode is None:
             return None
@@ -156,6 +156,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         """
         if not isinstance(state, bytes):
             raise ValueError(f"state: found {type(state).__name__}, expected bytes")
+        check_open(self._batch, "set_state")
         self._leave_time_limit()
         self._started = True
         return self._spaces.cut(self._batch.load([state])[0])

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium.error import ClosedEnvironmentError
@@ -17,7 +17,7 @@ from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
 from ruffini._core import CAMERAS, Batch
-from ruffini._schema import SETTINGS
+from ruffini._schema import SETTINGS, control_period
 from ruffini._settings import nearest
 
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
@@ -31,6 +31,8 @@ Camera = str | Mapping[str, Any]
 
 ACTION_SIZE = 5
 MOST_ENVIRONMENTS = 1_000_000
+MOST_THREADS = 1024
+MOST_STEPS = 10**12
 NO_LIMIT = 1_000_000
 
 _FIELD_OF_VIEW = 0.6
@@ -40,8 +42,6 @@ _FARTHEST = 20.0
 
 RENDER_MODES = ["rgb_array"]
 
-_CONTROL_PERIOD = 0.04
-"""Usual time of a step (s)."""
 _LARGEST = float(np.finfo(np.float32).max)
 """Largest finite number of an action; larger ones count as this one."""
 
@@ -71,8 +71,7 @@ def warn_of_unseen_window() -> None:
 
 def metadata(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Gymnasium's metadata of an environment with these settings: a frame for each step."""
-    period = (settings.get("physics") or {}).get("control_period", _CONTROL_PERIOD)
-    return {"render_modes": RENDER_MODES, "render_fps": round(1 / period)}
+    return {"render_modes": RENDER_MODES, "render_fps": round(1 / control_period(settings))}
 
 
 class Spaces:
@@ -122,9 +121,9 @@ class Renderer:
             hint = f"; {_WINDOW}" if mode == "human" else ""
             raise ValueError(f"render_mode: found {mode!r}, expected None or 'rgb_array'{hint}")
         for name, pixels in (("width", width), ("height", height)):
-            if not (isinstance(pixels, int) and 16 <= pixels <= 4096):
+            if not (isinstance(pixels, (int, np.integer)) and 16 <= pixels <= 4096):
                 raise ValueError(f"{name}: found {pixels!r}, expected 16 to 4096 pixels")
-        self.mode, self.width, self.height = mode, width, height
+        self.mode, self.width, self.height = mode, int(width), int(height)
         self.camera = as_camera(camera)
 
     def draw(self, batch: Batch, row: int, camera: Camera | None = None) -> RenderFrame:
@@ -174,11 +173,11 @@ def _point(name: str, value: Any) -> list[float]:
     return [float(x) for x in point]
 
 
-def check_count(name: str, count: Any) -> None:
-    """Raise a ``ValueError`` unless `count` is a valid number of environments or threads."""
+def check_count(name: str, count: Any, most: int = MOST_ENVIRONMENTS) -> None:
+    """Raise a ``ValueError`` unless `count` is a whole number from 1 to `most`."""
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if not (whole and 1 <= count <= MOST_ENVIRONMENTS):
-        expected = f"a whole number from 1 to {MOST_ENVIRONMENTS}"
+    if not (whole and 1 <= count <= most):
+        expected = f"a whole number from 1 to {most}"
         raise ValueError(f"{name}: found {count!r}, expected {expected}")
 
 
@@ -230,10 +229,18 @@ def _place(name: str, known: Sequence[str]) -> str:
     return "an argument of reset" if name == "seed" else "a setting of the environment"
 
 
-def check_open(is_closed: bool, what: str) -> None:
-    """Raise gymnasium's error if an environment is closed and `what` was asked of it."""
-    if is_closed:
-        raise ClosedEnvironmentError(f"{what}: found a closed environment, expected an open one")
+def check_open(batch: Batch, what: str) -> None:
+    """Raise gymnasium's error if `what` was asked of an environment that is closed."""
+    if isinstance(batch, ClosedBatch):
+        getattr(batch, what)
+
+
+class ClosedBatch:
+    """Batch of a closed environment: it holds no memory, and every use of it is an error."""
+
+    def __getattr__(self, name: str) -> NoReturn:
+        asked = {"save": "state", "load": "set_state", "layout": "channels"}.get(name, name)
+        raise ClosedEnvironmentError(f"{asked}: found a closed environment, expected an open one")
 
 
 def as_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:

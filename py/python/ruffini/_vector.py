@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from ruffini._native import Native
 from ruffini._settings import Settings, nearest
 from ruffini._spaces import (
     ACTION_SIZE,
+    MOST_THREADS,
     Camera,
     Renderer,
     RenderFrame,
@@ -28,6 +28,7 @@ from ruffini._spaces import (
     check_seed,
     metadata,
 )
+from ruffini.evaluation import usable_cores
 
 
 class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
@@ -105,11 +106,11 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             ) from None
         check_count("num_envs", num_envs)
         if num_threads is not None:
-            check_count("num_threads", num_threads)
+            check_count("num_threads", num_threads, MOST_THREADS)
         self.num_envs = num_envs
         self.autoreset_mode = mode
-        self._rows, self._autoreset = num_envs, mode.value
-        self._threads = num_threads or min(_cores(), num_envs)
+        self._count, self._autoreset = num_envs, mode.value
+        self._threads = num_threads or min(usable_cores(), num_envs)
         self._make(Renderer(render_mode, width, height, camera), obs, dict(settings))
         self.render_mode = render_mode
         self.metadata = metadata(settings) | {"autoreset_mode": mode}
@@ -132,7 +133,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         leaves that row's random stream as it is. Rows that the mask excludes are not changed, even
         if a seed is given for them.
         """
-        check_open(self.closed, "reset")
+        check_open(self._batch, "reset")
         check_options(options, ["reset_mask"])
         seeds = self._seeds(seed)
         mask = None if options is None else self._mask(options.get("reset_mask"))
@@ -178,7 +179,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         With ``NextStep``, a row whose episode ended in the previous step starts the next episode
         instead: it has a reward of 0 and no info.
         """
-        check_open(self.closed, "step")
+        check_open(self._batch, "step")
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
         step = self._advance(actions)
         terminated, truncated = step.terminated, step.truncated
@@ -243,8 +244,13 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             "_final_info": done.copy(),
         }
 
+    def close_extras(self, **kwargs: Any) -> None:
+        """Free the memory of the environments."""
+        self._close()
+
     def render(self, camera: Camera | None = None) -> tuple[RenderFrame, ...] | None:
         """One picture (height, width, 3) per row, or ``None`` without a render mode."""
+        check_open(self._batch, "render")
         self._renderer.view(camera)
         if self.render_mode is None:
             return None
@@ -260,6 +266,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         """
         if not 0 <= row < self.num_envs:
             raise IndexError(f"row: found {row}, expected 0 to {self.num_envs - 1}")
+        check_open(self._batch, "picture")
         self._renderer.view(camera)
         return None if self.render_mode is None else self._renderer.draw(self._batch, row, camera)
 
@@ -273,8 +280,11 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         Raises:
             ValueError: If the bytes are damaged or come from an environment with other settings.
         """
-        if not (isinstance(states, (list, tuple)) and all(isinstance(s, bytes) for s in states)):
+        if not isinstance(states, (list, tuple)):
             raise ValueError(f"state: found {type(states).__name__}, expected a list of bytes")
+        for row, state in enumerate(states):
+            if not isinstance(state, bytes):
+                raise ValueError(f"state[{row}]: found {type(state).__name__}, expected bytes")
         observation = self._batch.load(list(states))
         self._started = True
         self._ended = self._batch.ended()
@@ -291,12 +301,6 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         if callable(getattr(self, name)):
             return tuple(_rows.call(self, rows, name, *args, **kwargs))
         return tuple(_rows.attribute(self, rows, name))
-
-
-def _cores() -> int:
-    """Number of cores that this process may use."""
-    affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:

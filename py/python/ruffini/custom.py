@@ -154,7 +154,9 @@ class _Custom(Native):
     def __init__(self, task: type[Task], *args: Any, **settings: Any) -> None:
         _check(task)
         if "reward_weights" in settings:
-            raise ValueError(f"reward_weights: {task.__name__} has its weights in `terms`")
+            expected = f"none: {task.__name__} has its weights in `terms`"
+            found = settings["reward_weights"]
+            raise ValueError(f"reward_weights: found {found!r}, expected {expected}")
         self._task = task()
         # Native is given the name of the base; the attribute of the class is its own.
         self.TASK = task.base  # type: ignore[misc]
@@ -174,10 +176,10 @@ class _Custom(Native):
         self._endings = [*ENDINGS, *self._task.endings]
         self._failures = [code for code, name in enumerate(ENDINGS, 1) if name not in RULES]
         self._weights = np.array([self._task.terms[name] for name in self._terms])
-        self._fresh = np.ones(self._rows, np.bool_)
-        self._streams = [np.random.default_rng(row) for row in range(self._rows)]
+        self._fresh = np.ones(self._count, np.bool_)
+        self._streams = [np.random.default_rng(row) for row in range(self._count)]
         self._given: dict[str, Floats] = {}
-        self._drawn = np.zeros(self._rows, np.bool_)
+        self._drawn = np.zeros(self._count, np.bool_)
 
     def _make_spaces(self) -> None:
         """Spaces of what the agent observes, and the layout of all that is computed."""
@@ -185,7 +187,7 @@ class _Custom(Native):
         self._whole = Spaces(self._batch, "dict")
 
     def _begin(self, seeds: list[int | None] | None, mask: Bools | None) -> NDArray[np.float32]:
-        rows = np.ones(self._rows, np.bool_) if mask is None else mask
+        rows = np.ones(self._count, np.bool_) if mask is None else mask
         for row, seed in enumerate(seeds or ()):
             if seed is not None:
                 self._streams[row] = np.random.default_rng(seed)
@@ -217,7 +219,7 @@ class _Custom(Native):
                 raise ValueError(f"draw {name}: found {found}, expected numbers {chosen.shape}")
             if not np.isfinite(column).all():
                 raise ValueError(f"draw {name}: found {column}, expected finite numbers")
-            self._given.setdefault(name, np.full(self._rows, np.nan))[chosen] = column
+            self._given.setdefault(name, np.full(self._count, np.nan))[chosen] = column
         self._give()
         self._drawn[chosen] = True
 
@@ -228,8 +230,8 @@ class _Custom(Native):
 
     def _start(self, observation: NDArray[np.float32], rows: Bools) -> None:
         count = len(self._base_terms)
-        nothing = np.zeros((self._rows, count)), np.zeros(self._rows, np.bool_)
-        state = self._state(observation, np.zeros((self._rows, 5), np.float32), *nothing)
+        nothing = np.zeros((self._count, count)), np.zeros(self._count, np.bool_)
+        state = self._state(observation, np.zeros((self._count, 5), np.float32), *nothing)
         self._task.start(state, np.flatnonzero(rows))
         self._fresh = self._fresh & ~rows
         self._drawn &= ~rows
@@ -271,7 +273,7 @@ class _Custom(Native):
 
     def _ended_by_task(self, state: State, step: StepArrays, restarted: Bools) -> Bools:
         """Rows that the task alone ends; marks them as terminated with the ending's name."""
-        ended = np.zeros(self._rows, np.bool_)
+        ended = np.zeros(self._count, np.bool_)
         endings = self._task.ending(state)
         if not isinstance(endings, Mapping):
             raise ValueError(f"ending: found {type(endings).__name__}, expected booleans by name")
@@ -304,7 +306,7 @@ class _Custom(Native):
             self._batch.end(ended)
         if begun.any():
             self._start(step.observation, begun)
-        self._fresh = over if self._autoreset == "NextStep" else np.zeros(self._rows, np.bool_)
+        self._fresh = over if self._autoreset == "NextStep" else np.zeros(self._count, np.bool_)
 
     def _judged_terms(self, state: State) -> Floats:
         """Terms (N, K) of the task's reward.
@@ -316,12 +318,12 @@ class _Custom(Native):
         if not isinstance(given, Mapping) or set(given) != set(self._terms):
             names = list(given) if isinstance(given, Mapping) else type(given).__name__
             raise ValueError(f"reward: found {names}, expected the terms {self._terms}")
-        terms = np.empty((self._rows, len(self._terms)))
+        terms = np.empty((self._count, len(self._terms)))
         for k, name in enumerate(self._terms):
             column = np.asarray(given[name])
-            if column.shape != (self._rows,) or column.dtype.kind not in "fiub":
+            if column.shape != (self._count,) or column.dtype.kind not in "fiub":
                 found = f"{column.dtype} of shape {column.shape}"
-                raise ValueError(f"reward {name}: found {found}, expected numbers ({self._rows},)")
+                raise ValueError(f"reward {name}: found {found}, expected numbers ({self._count},)")
             terms[:, k] = column
         wrong = np.argwhere(~np.isfinite(terms))
         if len(wrong):
@@ -332,9 +334,9 @@ class _Custom(Native):
 
     def _booleans(self, name: str, rows: Any) -> Bools:
         mask = np.asarray(rows)
-        if mask.shape != (self._rows,) or mask.dtype != np.bool_:
+        if mask.shape != (self._count,) or mask.dtype != np.bool_:
             found = f"{mask.dtype} of shape {mask.shape}"
-            raise ValueError(f"{name}: found {found}, expected booleans ({self._rows},)")
+            raise ValueError(f"{name}: found {found}, expected booleans ({self._count},)")
         return mask
 
     def __getstate__(self) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._errors import apart
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
-from ruffini._settings import counted, naming_nearest, plain, read_json
+from ruffini._settings import counted, naming_nearest, nearest, plain, read_json
 
 __all__ = [
     "Body",
@@ -287,6 +287,8 @@ class Dataset:
         return self._starts[-1]
 
     def __getitem__(self, index: int) -> Frame | SoftFrame | PressFrame:
+        if not hasattr(index, "__index__"):
+            raise TypeError(f"frame: found {index!r}, expected a whole number")
         place = index + len(self) if index < 0 else index
         if not 0 <= place < len(self):
             raise IndexError(f"frame: found {index}, expected less than {len(self)}")
@@ -302,13 +304,20 @@ class Dataset:
     def __reduce__(self) -> tuple[type[Dataset], tuple[Path]]:
         return Dataset, (self.path,)
 
+    def _number_of(self, grasp: str) -> int:
+        """Place of a grasp in `grasps`; a ``KeyError`` that names the nearest if there is none."""
+        if grasp not in self._numbers:
+            near, of = nearest(grasp, self.grasps), counted(len(self.grasps), "grasp")
+            raise KeyError(f"grasp: found {grasp!r}{near} expected a name of `grasps`, of {of}")
+        return self._numbers[grasp]
+
     def frames(self, grasp: str) -> range:
         """Indices of a grasp's frames.
 
         Raises:
             KeyError: If there is no such grasp.
         """
-        number = self._numbers[grasp]
+        number = self._number_of(grasp)
         return range(self._starts[number], self._starts[number + 1])
 
     def gel(self, grasp: str) -> int:
@@ -317,7 +326,7 @@ class Dataset:
         Raises:
             KeyError: If there is no such grasp.
         """
-        _, found = self._grasps[self._numbers[grasp]]
+        _, found = self._grasps[self._number_of(grasp)]
         return int(found["gel"])
 
     def column(self, grasp: str, field: str) -> NDArray[Any]:
@@ -327,11 +336,14 @@ class Dataset:
             KeyError: If there is no such grasp.
             ValueError: If there is no such field.
         """
-        file, _ = self._grasps[self._numbers[grasp]]
-        tensors, name = self._tensors(file), f"{_number(grasp)}.{field}"
-        if name not in tensors.keys():  # noqa: SIM118, what is open is no dictionary
-            raise ValueError(f"field: found {field}, expected one of a frame's")
-        column: NDArray[Any] = tensors.get_tensor(name)
+        file, _ = self._grasps[self._number_of(grasp)]
+        tensors, prefix = self._tensors(file), f"{_number(grasp)}."
+        own = filter(lambda name: name.startswith(prefix), tensors.keys())
+        known = sorted(name.removeprefix(prefix) for name in own)
+        if field not in known:
+            expected = f"one of {', '.join(known)}"
+            raise ValueError(f"field: found {field!r}{nearest(field, known)} expected {expected}")
+        column: NDArray[Any] = tensors.get_tensor(prefix + field)
         return column
 
     def export(self, index: int, path: str | PathLike[str]) -> list[Path]:
@@ -367,7 +379,7 @@ class Dataset:
         Raises:
             KeyError: If there is no such grasp.
         """
-        file, _ = self._grasps[self._numbers[grasp]]
+        file, _ = self._grasps[self._number_of(grasp)]
         entries = json.loads(self._tensors(file).metadata()["grasps"])
         [plan] = [entry["plan"] for entry in entries if entry["plan"]["name"] == grasp]
         return dict(plan)
@@ -447,7 +459,7 @@ class Dataset:
     def _mesh_file(self, grasp: str | int) -> str:
         """File of a grasp's, or a gel's, mesh."""
         if self.soft:
-            name = self.grasps[self._numbers[str(grasp)]].split("/")[0]
+            name = self.grasps[self._number_of(str(grasp))].split("/")[0]
             return f"meshes/{name}.safetensors"
         gel = self.gel(grasp) if isinstance(grasp, str) else grasp
         count = len(self.manifest["config"]["gels"])

@@ -30,18 +30,20 @@ __all__ = [
     "bootstrap",
     "evaluate",
     "line",
+    "processor",
+    "usable_cores",
+    "wilson",
 ]
-__all__ += ["wilson"]
 
 FIRST_SEED = 10_000
-"""First of the consecutive evaluation seeds; training seeds are far below."""
+"""First of the consecutive evaluation seeds; environments in training have seeds from 2³² on."""
 
 ProgressCallback = Callable[[int, int, int], None]
 """Called after every step with the episodes finished, all episodes, and the steps taken."""
 
 
 class Policy(Protocol):
-    """Policy with Stable-Baselines3's signature."""
+    """Policy whose ``predict`` takes what Stable-Baselines3's does, deterministic by default."""
 
     def predict(
         self,
@@ -109,15 +111,17 @@ def evaluate(
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
     ended, state, steps = np.zeros(episodes, bool), None, 0
+    first = np.ones(episodes, bool)
     endings: Counter[str] = Counter()
     while not ended.all():
-        action, state = policy.predict(observation, state, deterministic=True)
+        action, state = policy.predict(observation, state, episode_start=first, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
         over = (terminated | truncated) & ~ended
         success[over] = info["is_success"][over]
         endings.update(info["ending"][terminated & over] if "ending" in info else ())
         ended |= over
+        first = terminated
         steps += 1
         if progress is not None:
             progress(int(ended.sum()), episodes, steps)
@@ -154,30 +158,42 @@ def line(name: str, result: dict[str, Any]) -> str:
 def about_this_run() -> dict[str, Any]:
     """Versions, machine and commit, for the record beside a figure.
 
-    The commit is that of the repository of ruffini in which the package lies, else ``unknown``.
+    The commit is that of the repository of ruffini in which the package lies, with a ``+`` if
+    tracked files differ from it but for tests and results; else ``unknown``.
     """
     return {
         "ruffini": __version__,
         "gymnasium": gym.__version__,
         "python": platform.python_version(),
         "machine": platform.machine(),
-        "cores": os.cpu_count(),
+        "cores": usable_cores(),
         "processor": ", ".join([processor(), *_caches()]),
         "commit": _commit(),
     }
 
 
 def _commit() -> str:
-    git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "--show-toplevel"]
+    def git(folder: Path, *words: str) -> str:
+        line = ["git", "-C", str(folder), *words]
+        return subprocess.run(line, capture_output=True, text=True, check=True).stdout
+
     try:
-        found = subprocess.run(
-            [*git, "--short", "HEAD"], capture_output=True, text=True, check=True
-        )
+        found = git(Path(__file__).parent, "rev-parse", "--show-toplevel", "--short", "HEAD")
+        root, commit = found.splitlines()
+        # The package may be installed within a repository of something else.
+        if not Path(root, "py/python/ruffini").is_dir():
+            return "unknown"
+        status = ("status", "--porcelain", "--untracked-files=no", "--")
+        changed = git(Path(root), *status, ".", ":!tests", ":!policies/results")
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-    root, commit = found.stdout.splitlines()
-    # The package may be installed within a repository of something else.
-    return commit if Path(root, "py/python/ruffini").is_dir() else "unknown"
+    return commit + "+" * bool(changed)
+
+
+def usable_cores() -> int:
+    """Number of cores that this process may use."""
+    affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
 def processor() -> str:

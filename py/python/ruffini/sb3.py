@@ -167,7 +167,7 @@ class RuffiniVecEnv(VecEnv):
         Raises:
             ValueError: If it is a method of the whole batch, and only some rows are requested.
         """
-        return _rows.attribute(self.envs, self._rows(indices), attr_name)
+        return _rows.attribute(self.envs, self._chosen(indices), attr_name)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute of the batch, which all rows share.
@@ -175,7 +175,7 @@ class RuffiniVecEnv(VecEnv):
         Raises:
             ValueError: If only some rows are requested.
         """
-        _rows.set_attribute(self.envs, self._rows(indices), attr_name, value)
+        _rows.set_attribute(self.envs, self._chosen(indices), attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
@@ -191,21 +191,21 @@ class RuffiniVecEnv(VecEnv):
             ValueError: If it is ``set_state`` or a method of the whole batch, and only some rows
                 are requested.
         """
-        rows = self._rows(indices)
+        rows = self._chosen(indices)
         return _rows.call(self.envs, rows, method_name, *method_args, **method_kwargs)
 
     def env_is_wrapped(
         self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None
     ) -> list[bool]:
         """Return False for every row: rows of the native batch are not wrapped."""
-        return [False for _ in self._rows(indices)]
+        return [False for _ in self._chosen(indices)]
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """One picture (height, width, 3) per row."""
         frames = self.envs.render()
         return [None] * self.num_envs if frames is None else list(frames)
 
-    def _rows(self, indices: int | Iterable[int] | None) -> list[int]:
+    def _chosen(self, indices: int | Iterable[int] | None) -> list[int]:
         return _rows.chosen(indices, self.num_envs)
 
 
@@ -355,7 +355,7 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
             raise ValueError(
                 f"privileged: found {', '.join(privileged)}, expected some, but not all, of {known}"
             )
-        self.seen = seen
+        self.seen, self._privileged = seen, list(privileged)
         kwargs |= {"share_features_extractor": False}
         kwargs.setdefault("features_extractor_class", TouchExtractor)
         super().__init__(observation_space, action_space, lr_schedule, **kwargs)
@@ -367,6 +367,9 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
             "policy: found AsymmetricPolicy in an algorithm that learns off-policy, expected PPO "
             "or A2C, whose policy has a value function of states"
         )
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return super()._get_constructor_parameters() | {"privileged": self._privileged}
 
     def make_features_extractor(self) -> BaseFeaturesExtractor:
         """Create the actor's extractor at the first call, the value function's at the second."""

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import TetMesh
-from ruffini._frames import _turned
+from ruffini._frames import turned
+from ruffini._schema import control_period
 from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
 
@@ -60,16 +61,19 @@ class Skin:
         """Corners (F, 3), places in `nodes`."""
         self.rest = mesh.vertices[self.nodes]
         """Nodes at rest (V, 3)."""
-        self._tets, self._all = tets, len(mesh.vertices)
+        self._mesh = mesh
 
-    def stress(self, von_mises: Floats) -> Floats:
+    def stress(self, von_mises: NDArray[Any]) -> NDArray[np.float64]:
         """Means (V,) at the nodes of a stress in the tetrahedra (T,)."""
-        total, count = np.zeros(self._all), np.zeros(self._all)
-        for corner in self._tets.T:
-            np.add.at(total, corner, von_mises)
-            np.add.at(count, corner, 1)
-        means: Floats = (total / count)[self.nodes]
+        means: NDArray[np.float64] = nodal_stress(self._mesh, von_mises)[self.nodes]
         return means
+
+
+def nodal_stress(mesh: TetMesh, von_mises: NDArray[Any]) -> NDArray[np.float64]:
+    """Means (V,) at all nodes of a mesh of a stress in its tetrahedra (T,)."""
+    tets = mesh.tets.ravel()
+    means: NDArray[np.float64] = np.bincount(tets, np.repeat(von_mises, 4)) / np.bincount(tets)
+    return means
 
 
 _FACES = ([0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3])
@@ -121,7 +125,7 @@ class ViewerFrame:
     bodies: dict[str, Rigid | Soft]
     values: dict[str, list[float]] = field(default_factory=dict)
     """Components, at most four, of each curve; its name has the unit."""
-    seconds: float = 0.04
+    seconds: float = control_period()
     """Time for which it is shown (s)."""
 
 
@@ -483,7 +487,7 @@ class Scene:
 
 def _corners(body: Rigid | Soft) -> Floats:
     """Lowest and highest corner (2, 3) of a body in the world."""
-    points = _turned(np.asarray(body.pose, float), body.vertices) + body.pose[:3]
+    points = turned(np.asarray(body.pose, float), body.vertices) + body.pose[:3]
     return np.stack([points.min(axis=0), points.max(axis=0)])
 
 

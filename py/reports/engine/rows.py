@@ -1,7 +1,7 @@
 """Rows of a report, kept as they are finished, and where they were made.
 
-Rows lie as lines of JSON under `target/reports`; those of another code, by its last commit, another
-machine or other sizes are dropped.
+Rows lie as lines of JSON under `target/reports`; a file of another code, by its last commit, of
+another machine or other sizes is set aside.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ import time
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import ruffini
-from ruffini.evaluation import processor
+from ruffini.evaluation import processor, usable_cores
 
 ROOT = Path(__file__).resolve().parents[3]
 OUT = ROOT / "tests/reports"
@@ -31,19 +32,41 @@ KEPT = ROOT / "target/reports"
 
 def machine() -> dict[str, Any]:
     """Processor, cores and system."""
-    return {"cpu": processor(), "cores": os.cpu_count(), "system": platform.platform()}
+    return {"cpu": processor(), "cores": usable_cores(), "system": platform.platform()}
 
 
 def header(made_of: Iterable[str], sizes: dict[str, Any]) -> dict[str, Any]:
-    """Conditions of a report's figures: commit of their sources, machine, versions, sizes."""
-    last = ["git", "log", "-1", "--format=%h", "--", *made_of]
+    """Conditions of a report's figures: commit of their sources, machine, versions, sizes.
+
+    A commit from which the sources differ has a ``+``.
+    """
+    made_of = list(made_of)
+
+    def git(*words: str) -> str:
+        return subprocess.check_output(["git", *words, "--", *made_of], cwd=ROOT, text=True).strip()
+
+    changed = git("status", "--porcelain", "--untracked-files=no")
     return {
-        "commit": subprocess.check_output(last, cwd=ROOT, text=True).strip(),
+        "commit": git("log", "-1", "--format=%h") + "+" * bool(changed),
         "machine": machine(),
         "versions": {"ruffini": ruffini.__version__, "numpy": np.__version__}
         | {"python": platform.python_version(), "matplotlib": version("matplotlib")},
         "sizes": sizes,
     }
+
+
+def conditions(header: Mapping[str, Any]) -> dict[str, Any]:
+    """Part of a header on which rows depend: all but the version of what draws them."""
+    versions = {k: of for k, of in header.get("versions", {}).items() if k != "matplotlib"}
+    return {**header, "versions": versions}
+
+
+def _set_aside(file: Path, commit: str) -> None:
+    """Renames a file of rows to one that is named by their commit."""
+    names = (f"{file.stem}.{commit}{f'-{n}' * (n > 1)}{file.suffix}" for n in count(1))
+    aside = next(path for path in map(file.with_name, names) if not path.exists())
+    file.rename(aside)
+    print(f"{file}: made under other conditions, kept as {aside.name}", flush=True)
 
 
 class Rows:
@@ -53,8 +76,10 @@ class Rows:
         self.header, self._file = header, file
         lines = file.read_text().splitlines() if file.exists() else []
         whole = [json.loads(line) for line in lines if line.endswith("}")]
-        same = whole and whole[0] == header
+        same = whole and conditions(whole[0]) == conditions(header)
         self._rows = {row["key"]: row for row in whole[1:]} if same else {}
+        if whole[1:] and not same:
+            _set_aside(file, whole[0]["commit"])
         file.parent.mkdir(parents=True, exist_ok=True)
         # A line cut short by a kill is left out, here and in the file.
         file.write_text("".join(json.dumps(row) + "\n" for row in [header, *self._rows.values()]))

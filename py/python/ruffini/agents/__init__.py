@@ -1,9 +1,9 @@
 """Trained agents, one per task: `load` returns one, which acts without torch.
 
-``ruffini.agents.load("GraspLift").predict(observation)`` has Stable-Baselines3's signature;
-``ruffini play`` plays one. `ruffini.agents.training` trains them (``ruffini agent train``),
-`ruffini.agents.params` has the hyper-parameters, and `ruffini.agents.sb3` converts models of
-Stable-Baselines3 to agents and back.
+``ruffini.agents.load("GraspLift").predict(observation)`` takes what Stable-Baselines3's ``predict``
+does, but is deterministic if not told otherwise; ``ruffini play`` plays an agent.
+`ruffini.agents.training` trains them (``ruffini agent train``), `ruffini.agents.params` has the
+hyper-parameters, and `ruffini.agents.sb3` converts models of Stable-Baselines3 to agents and back.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ __all__ = [
     "Card",
     "checkpoint",
     "environment_id",
+    "last_checkpoint",
     "load",
     "names",
 ]
@@ -86,9 +87,19 @@ def checkpoint(run: str | PathLike[str]) -> Path:
     if not (path / RUN).is_file():
         near = nearest(str(path), [str(file.parent) for file in path.parent.glob(f"*/{RUN}")])
         raise ValueError(f"run: found none in {path}{near} expected the folder of a training run")
-    if not (path / CHECKPOINT).is_dir():
+    found = last_checkpoint(path)
+    if found is None:
         raise ValueError(f"run: found no checkpoint in {path}, expected one: it has just begun")
-    return path / CHECKPOINT
+    return found
+
+
+def last_checkpoint(folder: Path) -> Path | None:
+    """Folder of the last checkpoint within a folder, if there is one.
+
+    A run that is killed while it replaces its checkpoint leaves the one before as ``.old``.
+    """
+    folders = (folder / name for name in (CHECKPOINT, f"{CHECKPOINT}.old"))
+    return next((found for found in folders if found.is_dir()), None)
 
 
 def environment_id(task: str) -> str:

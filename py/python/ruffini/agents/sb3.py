@@ -222,6 +222,7 @@ def _channels(env_id: str, settings: dict[str, Any]) -> dict[str, int]:
     """Channels of an environment in its order, with their sizes."""
     env = gym.make(env_id, **settings).unwrapped
     table = env.channels()  # type: ignore[attr-defined]
+    env.close()
     return {name: sum(len(part[1]) for part in parts) for name, parts in table}
 
 

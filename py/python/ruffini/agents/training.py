@@ -8,7 +8,6 @@ return), and ``agent.safetensors``, the agent as it is then. `ruffini.agents.loa
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -30,11 +29,11 @@ from tqdm import tqdm
 
 from ruffini._schema import TACTILE_CHANNELS
 from ruffini._settings import plain, read_json
-from ruffini._spaces import check_count
-from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent
+from ruffini._spaces import MOST_STEPS, check_count
+from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint
 from ruffini.agents.params import Params, params
 from ruffini.agents.sb3 import first_seed, from_sb3, to_sb3
-from ruffini.evaluation import about_this_run
+from ruffini.evaluation import about_this_run, usable_cores
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, fields, make_vec_env
 
 __all__ = ["FirstWithoutTouch", "new_model", "resume", "train"]
@@ -117,7 +116,7 @@ def resume(
     without_touch = chosen.steps_without_touch
     chosen = replace(_sized(chosen, steps, n_envs), steps_without_touch=without_touch)
     chosen = chosen.with_settings((settings or {}) | {"obs": chosen.obs})
-    saved = folder / CHECKPOINT
+    saved = checkpoint(folder)
     with _reading(saved / "model.zip"):
         done = PPO.load(saved / "model.zip", device="cpu").num_timesteps
     with _reading(saved / "curve.json"):
@@ -146,7 +145,7 @@ def resume(
 def _sized(chosen: Params, steps: int | None, n_envs: int | None) -> Params:
     """Hyper-parameters for other numbers of steps and environments, where given."""
     if steps is not None:
-        check_count("steps", steps)
+        check_count("steps", steps, MOST_STEPS)
         without_touch = round(chosen.steps_without_touch * steps / chosen.steps)
         chosen = replace(chosen, steps=steps, steps_without_touch=without_touch)
     if n_envs is not None:
@@ -223,6 +222,7 @@ def observed(env_id: str, settings: dict[str, Any]) -> list[str]:
     """Names of the channels of an environment with these settings."""
     single = {name: value for name, value in settings.items() if name != "num_threads"}
     env = gym.make(env_id, **single)
+    env.close()
     assert isinstance(env.observation_space, gym.spaces.Dict), "asked for"
     return list(env.observation_space)
 
@@ -265,6 +265,11 @@ class FirstWithoutTouch(VecEnvWrapper):
     def reset(self) -> VecEnvObs:
         """Starts an episode in every row."""
         return self._with_touch(self.venv.reset())
+
+    def close(self) -> None:
+        """Closes both."""
+        self.venv.close()
+        self.feeling.close()
 
     def step_wait(self) -> VecEnvStepReturn:
         """Takes one step; after the last with rigid pads every row starts anew."""
@@ -370,8 +375,9 @@ class RunMonitor(BaseCallback):
         (fresh / "curve.json").write_text(json.dumps(self.curve))
         self.agent().write(fresh / CHECKPOINT_AGENT)
         current, old = self.folder / CHECKPOINT, self.folder / f"{CHECKPOINT}.old"
-        shutil.rmtree(old, ignore_errors=True)
+        # Where `current` is missing, `old` is the last checkpoint: see `last_checkpoint`.
         if current.exists():
+            shutil.rmtree(old, ignore_errors=True)
             current.rename(old)
         fresh.rename(current)
         shutil.rmtree(old, ignore_errors=True)
@@ -390,7 +396,7 @@ def _learn(
     chosen = replace(chosen, steps=_whole(chosen))
     commit = about_this_run()["commit"]
     about |= {"trained_by": list(dict.fromkeys([*about["trained_by"], commit]))}
-    about |= {"threads": threads or os.cpu_count() or 1, "params": asdict(chosen)}
+    about |= {"threads": threads or min(usable_cores(), chosen.n_envs), "params": asdict(chosen)}
     folder.mkdir(parents=True, exist_ok=True)
     (folder / RUN).write_text(json.dumps(about, indent=1, default=plain))
 

@@ -49,13 +49,18 @@ class _Parser(argparse.ArgumentParser):
         super().error(message)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command with `arguments`, or those of the process; return the exit status."""
-    parser = _Parser(prog="ruffini", description="Grasping with soft tactile fingertips.")
-    parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(metavar="command", required=True)
+def parser() -> argparse.ArgumentParser:
+    """Parser of the command with all of its subcommands."""
+    whole = _Parser(prog="ruffini", description="Grasping with soft tactile fingertips.")
+    whole.add_argument("--version", action="version", version=__version__)
+    commands = whole.add_subparsers(metavar="command", required=True)
     for command in _COMMANDS:
         command.add_to(commands)
+    return whole
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command with `arguments`, or those of the process; return the exit status."""
     words = sys.argv[1:] if arguments is None else list(arguments)
     if words[:1] == ["demo"]:  # Another name of it, which is not listed.
         words[0] = "play"
@@ -63,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if words[:1] in (["train"], ["evaluate"]):
             ours, gels = (f"ruffini {part} {words[0]}" for part in ("agent", "network"))
             raise ValueError(f"{words[0]}: expected {ours}, or for models of the gel {gels}")
-        options = parser.parse_args(words or ["--help"])
+        options = parser().parse_args(words or ["--help"])
         options.run(options)
     except SimulationError as error:
         print(f"ruffini: {error}", file=sys.stderr)

@@ -8,14 +8,21 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import (
+    MOST_ENVIRONMENTS,
+    MOST_STEPS,
+    MOST_THREADS,
+    check_count,
+    check_writable,
+    writing,
+)
 from ruffini.agents import (
-    CHECKPOINT,
     CHECKPOINT_AGENT,
     SUFFIX,
     Agent,
     checkpoint,
     environment_id,
+    last_checkpoint,
     load,
 )
 from ruffini.commands.policy import (
@@ -110,16 +117,16 @@ def _add_export(parts: Any) -> None:
 
 def _train(options: argparse.Namespace) -> None:
     env_id = environment_id(options.task)
-    given = {name: getattr(options, name) for name in ("steps", "n_envs", "threads")}
-    for name, count in given.items():
-        if count is not None and count < 1:
-            raise ValueError(f"{name.replace('_', '-')}: found {count}, expected at least 1")
+    limits = {"steps": MOST_STEPS, "n_envs": MOST_ENVIRONMENTS, "threads": MOST_THREADS}
+    given = {name: getattr(options, name) for name in limits}
+    for name, most in limits.items():
+        if given[name] is not None:
+            check_count(name.replace("_", "-"), given[name], most)
     if not 0 <= options.seed < 2**32:
         raise ValueError(f"seed: found {options.seed}, expected a whole number from 0 below 2**32")
     changes = settings(options.settings)
     folder = options.out or Path("runs", f"{env_id.split('/')[-1]}-{options.seed}")
-    saved = (folder / CHECKPOINT).exists()
-    if saved and not options.resume:
+    if last_checkpoint(folder) is not None and not options.resume:
         raise ValueError(f"out: {folder} holds a run: give --resume to go on, or another --out")
     agent = load(options.begin) if options.begin is not None else None
     if options.resume:
@@ -143,7 +150,7 @@ def _train(options: argparse.Namespace) -> None:
         else:
             training.train(env_id, options.seed, folder, settings=changes, agent=agent, **given)
     except KeyboardInterrupt:
-        if (folder / CHECKPOINT).exists():
+        if last_checkpoint(folder) is not None:
             print(f"\n{folder}: --resume goes on from the last checkpoint", file=sys.stderr)
         raise
     print(f"ruffini play --policy {folder} shows the agent")
@@ -172,8 +179,7 @@ def _evaluate(options: argparse.Namespace) -> None:
 def _export(options: argparse.Namespace) -> None:
     if options.out.suffix != SUFFIX:
         raise ValueError(f"out: found {options.out}, expected a {SUFFIX} file")
-    if options.episodes < 1:
-        raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
+    check_count("episodes", options.episodes)
     check_writable("out", options.out)
     agent = Agent.read(checkpoint(options.folder) / CHECKPOINT_AGENT)
     agent.evaluate(options.episodes, Bar(agent.env_id, agent.settings))

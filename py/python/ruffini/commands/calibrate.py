@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import read_sensor
-from ruffini._spaces import writing
+from ruffini._plot import check
+from ruffini._spaces import check_writable, writing
 from ruffini.commands import shapes
 from ruffini.commands.fitting import (
     RANGES,
@@ -87,7 +88,7 @@ def add_to(commands: Any) -> None:
     parser.add_argument(
         "--force",
         action="store_true",
-        help=f"write the material even if an error is above {100 * _WRONG:.0f} %, or its modulus "
+        help=f"write the material even if an error is above {100 * _WRONG:.0f} %%, or its modulus "
         f"not within {1 / _OTHER:g} to {_OTHER:g} times that of the sensor's",
     )
     parser.set_defaults(run=run)
@@ -151,14 +152,12 @@ def _check(options: argparse.Namespace, known: list[str]) -> None:
     if len(options.indenter) not in (1, len(options.curves)):
         text = f"found {len(options.indenter)} for {len(options.curves)} CSV files"
         raise ValueError(f"indenter: {text}, expected one, or one for each")
-    if options.out is not None and (options.out.suffix != ".toml" or options.out.exists()):
-        raise ValueError(f"out: found {options.out}, expected a new file that ends in .toml")
+    if options.out is not None:
+        if options.out.suffix != ".toml" or options.out.exists():
+            raise ValueError(f"out: found {options.out}, expected a new file that ends in .toml")
+        check_writable("out", options.out)
     if options.plot is not None:
-        if options.plot.suffix not in (".png", ".svg"):
-            text = f"found {options.plot}, expected a name that ends in .png or .svg"
-            raise ValueError(f"plot: {text}")
-        if importlib.util.find_spec("matplotlib") is None:
-            raise ValueError('plot: needs matplotlib: pip install "ruffini[calibrate]"')
+        check(options.plot)
 
 
 def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:

@@ -11,7 +11,7 @@ from typing import Any
 from ruffini import video
 from ruffini._core import CAMERAS
 from ruffini._settings import counted
-from ruffini._spaces import Renderer
+from ruffini._spaces import Renderer, check_count
 from ruffini.agents import Agent
 from ruffini.commands.policy import HELP, TASK, add_evaluation, check_evaluation, choose, evaluated
 from ruffini.evaluation import line
@@ -52,8 +52,7 @@ def run(options: argparse.Namespace) -> None:
         SimulationError: If the video cannot be made.
     """
     check_evaluation(options)
-    if options.video_episodes < 1:
-        raise ValueError(f"video-episodes: found {options.video_episodes}, expected at least 1")
+    check_count("video-episodes", options.video_episodes)
     if options.video is not None:
         video.check(options.video)
     picture = _picture(options.camera, options.size)

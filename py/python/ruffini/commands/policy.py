@@ -12,7 +12,7 @@ import gymnasium as gym
 
 from ruffini._schema import TASKS
 from ruffini._settings import counted, nearest
-from ruffini._spaces import check_count, check_seed
+from ruffini._spaces import MOST_THREADS, check_count, check_seed
 from ruffini.agents import Agent, environment_id, load
 from ruffini.evaluation import FIRST_SEED, Policy, evaluate
 from ruffini.policies import RandomPolicy, scripted
@@ -54,11 +54,11 @@ def check_evaluation(options: argparse.Namespace) -> None:
     Raises:
         ValueError: If a number is out of range.
     """
-    if options.episodes is not None and options.episodes < 1:
-        raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
+    if options.episodes is not None:
+        check_count("episodes", options.episodes)
     check_seed(options.seed)
     if options.threads is not None:
-        check_count("threads", options.threads)
+        check_count("threads", options.threads, MOST_THREADS)
 
 
 def settings(text: str | None) -> dict[str, Any]:
@@ -155,7 +155,7 @@ class Bar:
         self._limit, self._shown = limit or 1, ""
 
     def __call__(self, finished: int, episodes: int, steps: int) -> None:
-        """Show how far the evaluation is; a callback as `ruffini.evaluation.Progress`."""
+        """Show how far the evaluation is; a callback as `ruffini.evaluation.ProgressCallback`."""
         share = 1.0 if finished == episodes else min(steps / self._limit, 0.99)
         done = f"{finished} of {counted(episodes, 'episode')}"
         if sys.stderr.isatty():

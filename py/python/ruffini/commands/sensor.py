@@ -15,7 +15,7 @@ import numpy as np
 import ruffini
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
 from ruffini._plot import check
-from ruffini._spaces import writing
+from ruffini._spaces import check_writable, writing
 from ruffini._trained_gels import SHIPPED, unlike
 from ruffini.commands.press import touching_height
 
@@ -173,6 +173,8 @@ def _models(file: str) -> str:
 def _fit(file: str, calibrations: list[dict[str, Any]], nodes: int) -> None:
     """Fit the missing elastic foundations and write them into the file; all, if none is missing."""
     missing = {one["name"] for one in calibrations if one["elastic_foundation"] is None}
+    if missing:
+        check_writable("file", Path(file))
     lines: dict[int, str] = {}
     for number, calibration in enumerate(calibrations):
         if missing and calibration["name"] not in missing:

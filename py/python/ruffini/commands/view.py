@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import Deformation, dataset, objects, sensor, viewing
-from ruffini._frames import _turned
-from ruffini._spaces import check_seed
+from ruffini._frames import turned
+from ruffini._schema import control_period
+from ruffini._spaces import check_count, check_seed
 from ruffini.commands.policy import HELP, TASK, Chosen, choose
 from ruffini.dataset import Body, Dataset, Pad, PressFrame, SoftFrame
 from ruffini.evaluation import FIRST_SEED
@@ -29,7 +30,7 @@ _Values = dict[str, list[float]]
 _HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 _TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, 0.5))
 """Orientations of the pads in the frame of the tool: y along the finger, z out of the gel."""
-_FACES = (
+_ENLARGED = (
     np.array([0.235, 0.03, 0.1, 0.5**0.5, 0, 0, 0.5**0.5]),
     np.array([0.235, 0.03, 0.025, 0.5**0.5, 0, 0, 0.5**0.5]),
 )
@@ -104,8 +105,7 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.frame is not None:
         raise ValueError(f"dataset: found {options.what}, expected the folder of a dataset")
-    if options.episodes < 1:
-        raise ValueError(f"episodes: found {options.episodes}, expected at least 1")
+    check_count("episodes", options.episodes)
     check_seed(options.seed)
     try:
         chosen = choose(options.what, options.policy, {})
@@ -129,9 +129,11 @@ def episode(chosen: Chosen, seed: int) -> Iterator[ViewerFrame]:
     terms, task = dict.fromkeys(plain._batch.reward_terms(), 0.0), chosen.env_id.split("/")[-1]
     look, over, state, ending = drawn.look(), False, None, ""
     about = f"{task}, seed {seed}: {look['object']} of {1e3 * look['mass']:.0f} g"
+    period = control_period(settings)
     for step in itertools.count():
-        title = f"{about}, {0.04 * step:.2f} s{ending}"
-        yield ViewerFrame(title, drawn.bodies(observation), drawn.values(observation, terms))
+        title = f"{about}, {period * step:.2f} s{ending}"
+        bodies, values = drawn.bodies(observation), drawn.values(observation, terms)
+        yield ViewerFrame(title, bodies, values, period)
         if over:
             return
         parts = {name: observation[name][None] for name in names}
@@ -189,7 +191,7 @@ class _Drawn:
                 found[f"{name}: tip"] = _box(pad, *_TIP)
             else:
                 pressed = self._pad(pad, k, observation, wrench)
-                front = replace(pressed, pose=_FACES[k], scale=2.2, forces=None, wrench=None)
+                front = replace(pressed, pose=_ENLARGED[k], scale=2.2, forces=None, wrench=None)
                 found |= {name: pressed, f"{name}: face": front}
         return found
 
@@ -235,7 +237,7 @@ def _box(pose: _Floats, color: tuple[int, int, int], corners: list[list[float]])
 def _after(outer: _Floats, inner: _Floats) -> _Floats:
     """Pose in the world of a pose (7,) in the frame at `outer` (7,)."""
     (a, s), (b, t) = (outer[3:6], outer[6]), (inner[3:6], inner[6])
-    place = outer[:3] + _turned(outer, inner[None, :3])[0]
+    place = outer[:3] + turned(outer, inner[None, :3])[0]
     return np.array([*place, *(s * b + t * a + np.cross(a, b)), s * t - a @ b])
 
 

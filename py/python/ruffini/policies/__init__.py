@@ -1,9 +1,10 @@
 """Policies that are not learnt: a hand-written (scripted) one for each task, and a random one.
 
-A policy has the ``predict`` of Stable-Baselines3 and acts on dict observations of N environments::
+The ``predict`` of a policy takes what Stable-Baselines3's does, for dict observations of N
+environments::
 
     policy, state = ruffini.policies.scripted("ruffini/GraspLift-v0"), None
-    action, state = policy.predict(observation, state)
+    action, state = policy.predict(observation, state, episode_start)
 
 The scripted policy of a task is the function ``act`` of the module of the task's name, whose
 ``READS`` names the channels that it needs.
@@ -30,7 +31,7 @@ class ScriptedPolicy:
     """Policy of a function of observations and state.
 
     Args:
-        act: The function.
+        act: The function; its state is a tuple of arrays (N, ...), or none.
         reads: Channels that it reads of dict observations.
     """
 
@@ -50,11 +51,31 @@ class ScriptedPolicy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) for observations of N environments, and a state for the next call.
 
+        Args:
+            observation: Observations of N environments.
+            state: State that the last call returned; none at the first.
+            episode_start: Rows (N,) whose observation is the first of an episode, where the state
+                begins anew; none if not given.
+            deterministic: Not used.
+
         Raises:
-            ValueError: If the observation lacks a channel that the policy reads.
+            ValueError: If the observation lacks a channel that the policy reads, or `episode_start`
+                is not one bool per environment.
         """
         self._check(observation)
-        return self._act(observation, state)
+        action, following = self._act(observation, state)
+        if state is None or episode_start is None:
+            return action, following
+        first = np.asarray(episode_start, np.bool_)
+        if first.shape != (len(action),):
+            found = f"found shape {first.shape}, expected ({len(action)},)"
+            raise ValueError(f"episode_start: {found}, one bool per environment")
+        if first.any():
+            begun, new = self._act(observation, None)
+            action = _replaced(action, begun, first)
+            pairs = zip(following, new, strict=True)
+            following = tuple(_replaced(old, fresh, first) for old, fresh in pairs)
+        return action, following
 
     def _check(self, observation: Any) -> None:
         """Raise a ``ValueError`` unless all that is read is there, for N environments."""
@@ -73,6 +94,11 @@ class ScriptedPolicy:
             values: Any = observation.get(name)
             if len(shape := np.shape(values)) != 2:
                 raise ValueError(f"observation: found {name} of shape {shape}, expected {expected}")
+
+
+def _replaced(old: NDArray[Any], new: NDArray[Any], rows: NDArray[np.bool_]) -> NDArray[Any]:
+    """Values (N, ...) of `new` in these rows, of `old` in the others."""
+    return np.where(rows.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
 
 class RandomPolicy(ScriptedPolicy):

@@ -1,4 +1,4 @@
-"""A scripted policy for HoldStill: loosen the grip until the skin begins to slide.
+"""A scripted policy for HoldStill: loosen the grip until the pads begin to slide.
 
 Of the default observation it reads ``slip`` alone. How much of a contact slides says how much of
 what friction bears is used, whatever its coefficient and whatever the load.

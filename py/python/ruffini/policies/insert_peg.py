@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini._schema import control_period
 from ruffini.policies._parts import part
 
 READS = ("proprio", "wrench")
@@ -23,7 +24,7 @@ READS = ("proprio", "wrench")
 SPEED = 0.02
 """Speed of the wrist at action 1 (m/s)."""
 
-PERIOD = 0.04
+PERIOD = control_period()
 """Time of a step (s)."""
 
 TOUCH = 1.0
