@@ -91,7 +91,7 @@ def make(options: Namespace) -> dict[str, Any] | None:
 
 
 def by_place(data: Path, weights: Path) -> dict[str, Any]:
-    """Median errors of a network and of its linear answer by where on the pad contact is."""
+    """Median errors of a network and of its linear solution by where on the pad contact is."""
     presses = dataset.open(data)
     frames: dict[str, Any] = {}
     found: dict[str, list[Any]] = {place: [] for place in PLACES}
@@ -175,7 +175,7 @@ pad's middle, in parts of the way to a side:
 {places}
 
 At the rim a shape presses a single row of the mesh's nodes, or a corner, from outside: there the
-linear answer is off, and the network learns little. Large errors are found there first. In the
+linear solution is off, and the network learns little. Large errors are found there first. In the
 middle, most of what is left is under deep and wide contact, and under sliding with friction.
 
 {truth}
@@ -195,10 +195,10 @@ of validation 6.6 and 8.1; from 320 it was 5.4 and 5.6 against 7.7 and 9.6 there
 should still help. The first seed is shipped. Figures above on how well the truth is known are of
 labels of commit 102a9b6, of a flat layer.
 
-Before that, two things were mended in labels and linear answer. The elastic layer by which contact
-is solved turns with the face, which falls off towards its sides by up to 33°: the force beside a
-side was 3 to 5 % off. And the influence of the sides is that of quadratic elements, no longer of
-linear ones: the displacement of the linear answer in a corner was 9.2 % off under a ball of 2 mm,
+Before that, two things were mended in labels and linear solution. The elastic layer by which
+contact is solved turns with the face, which falls off towards its sides by up to 33°: the force
+beside a side was 3 to 5 % off. And the influence of the sides is that of quadratic elements, no
+longer of linear ones: the displacement of the linear solution in a corner was 9.2 % off under a ball of 2 mm,
 0.2 mm deep, and is 6.0 % off. Both brought the displacement of a network from 400 indenters from
 8.2 to 7.2 %, its stress from 8.4 to 9.0 and its force from 2.2 to 1.6 on 40 indenters. Each frame
 is reached in four load steps: under a blade with friction 0.8 the displacement by one step is 10 %
@@ -208,7 +208,7 @@ force in the loss did not help.
 ## Textured indenters: tried, not shipped
 
 This was tried with the network of commit c4e00d4, from the presses of 400 indenters, which was
-shipped then. On many small contacts at once it was no better than its linear answer. Three seeds
+shipped then. On many small contacts at once it was no better than its linear solution. Three seeds
 learnt from the same presses and from those of 100 more indenters, balls with bumps, ribbed
 cylinders and rasps (`objects = 500`, `textured = 100` in that configuration).
 Medians over 50 indenters that none of the four learnt from, ten of them textured (`ruffini network
@@ -219,7 +219,7 @@ GraspFragile, which follows the peak stress, succeeds (rigid bodies as at commit
 {tried}
 
 The textured ones are a little nearer in displacement and stress. But seed 1 is 6 % off in the force
-of a ball of 12 mm, 0.8 mm deep, where the linear answer is 4 % and the network from 400 less than
+of a ball of 12 mm, 0.8 mm deep, where the linear solution is 4 % and the network from 400 less than
 3 % off; with seeds 0 and 2 the peak stress of a cylinder in the hand is less steady; and a ball of
 1 mm, 2 mm deep, inverts elements with seeds 0 and 1, which is an error by name, where the network
 from 400 answers. So that network stayed, until the next one replaced it."""
@@ -254,7 +254,7 @@ TRIED = _rows(
 
 BROUGHT = _rows(
     ("answer", *PARTS),
-    ("linear answer", 9.0, 16.9, 3.4),
+    ("linear solution", 9.0, 16.9, 3.4),
     ("network from 400 indenters, 320 of them to learn from", 7.0, 8.9, 1.7),
     ("network from 800: `pads-0`", 6.1, 7.7, 1.5),
 )
@@ -267,13 +267,13 @@ BY_PLACE: dict[str, Any] = {
     **{
         f"{title}, {name}": f"{{{model}[{part}]:100*.1f}}"
         for part, title in zip(PARTS, ("u", "σ", "net force"), strict=True)
-        for model, name in (("surrogate", "network"), ("linear", "linear answer"))
+        for model, name in (("surrogate", "network"), ("linear", "linear solution"))
     },
 }
 
 
 def page(report: dict[str, Any]) -> str:
-    """Data, spread over seeds, a table of all runs and the linear answer, errors of the truth."""
+    """Data, spread over seeds, a table of all runs and the linear solution, errors of the truth."""
     report = dict(report)
     known, places = report.pop("truth", None), report.pop("places")
     runs = [{"name": name, "errors": card["test"]} | card for name, card in report.items()]
@@ -287,7 +287,7 @@ def page(report: dict[str, Any]) -> str:
         "trained by": "{data[trained_by]}",
     }
     rows = [run | {"depth": depth} for run, depth in zip(runs, rounds, strict=True)]
-    rows.append({"name": "linear answer", "errors": runs[0]["linear"]})
+    rows.append({"name": "linear solution", "errors": runs[0]["linear"]})
     return text(
         PAGE,
         runs[0]["data"],

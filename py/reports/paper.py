@@ -108,9 +108,9 @@ PAGE = """# The paper's networks at equal budgets
 Graph networks *Baseline*, *A* and *B* of DefGraspNets (Huang et al. 2023) predict displacement u
 and von Mises stress σ of a soft body in a grasp: the Baseline on nodes and edges, A on tetrahedra,
 too, B besides with a feature of the whole body. They were trained here on grasps by two gel pads,
-for ten CPU minutes each, beside a network that corrects a linear answer (*corrector*, an earlier
-network of pads) and that linear answer itself (contact at points of the mesh). The truth is finite
-elements on an even mesh.
+for ten CPU minutes each, beside a network that corrects a linear solution (*corrector*, an earlier
+network of pads) and that linear solution itself (contact at points of the mesh). The reference is
+finite elements on an even mesh.
 
 {conclusion}
 
@@ -168,9 +168,9 @@ Data: 63 objects x 10 grasps x 10 frames x 2 pads, p1-bar on 1,995 nodes, carrie
 families left out. {minutes:.0f} minutes of processor time each where no other is said, on one
 thread of a busy machine ({machine[cpu]}, {machine[cores]} cores), commit {commit}; `python
 py/reports paper --data SET --runs FOLDER`. The last weights are judged; nothing is chosen by its
-error. Time of a press is without the linear answer. The paper's networks see the object as nodes of
-its surface, the corrector as distances. Ten minutes are little, and how many steps it holds varies
-with what else the machine does.
+error. Time of a press is without the linear solution. The paper's networks see the object as nodes
+of its surface, the corrector as distances. Ten minutes are little, and how many steps it holds
+varies with what else the machine does.
 
 {spent}"""
 
@@ -271,19 +271,21 @@ def judged(
     which: str = "all",
     split: str = ALL,
 ) -> list[dict[str, Any]]:
-    """Names, errors and times on all presses or the deep ones, the linear answer last."""
+    """Names, errors and times on all presses or the deep ones, the linear solution last."""
 
     def row(name: str, found: dict[str, Any]) -> dict[str, Any]:
         return {"name": name, "errors": found[which], "seconds": found.get("seconds")}
 
     of = [(title(run), run["run"], run["errors"][part]) for run in runs_on(report, split)]
     rows = [row(name, errors[key]) for name, _, errors in of for key in meshes if key in errors]
-    linear = [row("linear answer", errors["linear"]) for _, run, errors in of if "corrector" in run]
+    linear = [
+        row("linear solution", errors["linear"]) for _, run, errors in of if "corrector" in run
+    ]
     return in_order(rows) + linear[:1]
 
 
 def conclusion(report: dict[str, Any]) -> str:
-    """Compares the ranking of the networks with the paper's, and both with the linear answer."""
+    """Compares the ranking of the networks with the paper's, and both with the linear solution."""
     lines = ["The paper's ranking is B < Baseline < A. Medians of the relative error, ours:", ""]
     for part, where in PARTS.items():
         seeds = defaultdict(list)
@@ -300,7 +302,7 @@ def conclusion(report: dict[str, Any]) -> str:
             step = f"the first step is {clear} than what another seed changes, {100 * change:.1f} %"
             lines.append(f"- {field}, {where}: {order}; {step}.")
         best = np.min([mean[name] for name in networks], axis=0)
-        rivals = {name: mean[name] for name in ("linear answer", "corrector") if name in mean}
+        rivals = {name: mean[name] for name in ("linear solution", "corrector") if name in mean}
         lose = all((rival < best).all() for rival in rivals.values())
         verdict = "All three lose" if lose else "Not all three lose"
         beside = " and ".join(
@@ -319,7 +321,7 @@ def spent(run: dict[str, Any]) -> dict[str, Any]:
 
 
 COLOURS = {"Baseline": "C0", "A": "C1", "B": "C2", "B told the force": "C4", "corrector": "C3"}
-COLOURS["linear answer"] = "k"
+COLOURS["linear solution"] = "k"
 FIELDS = {"displacement": "displacement u", "stress": "von Mises stress σ"}
 
 
@@ -347,20 +349,20 @@ def learning(report: dict[str, Any], field: str, axis: Any) -> None:
         style, label = ("-", name) if seed == "0" else ("--", None)
         axis.loglog(x, y, style, color=COLOURS[name], label=label, marker=".")
     for row in judged(report, "novel"):
-        if row["name"] == "linear answer":
+        if row["name"] == "linear solution":
             error = 100 * row["errors"][field]["median"]
-            axis.axhline(error, color="k", linestyle=":", label="linear answer")
+            axis.axhline(error, color="k", linestyle=":", label="linear solution")
     axis.set_xlabel("CPU s of training, one thread")
     axis.legend(fontsize=7)
 
 
 def cost(report: dict[str, Any], field: str, axis: Any) -> None:
-    """Error against the time of a press, the linear answer's included where it is corrected."""
+    """Error against the time of a press, the linear solution's included where it is corrected."""
     typical = report["seconds a press"]
     for row in judged(report, "novel"):
         name = row["name"].split(", seed")[0]
         label = name if row["name"] in (name, f"{name}, seed 0") else None
-        corrects = name in ("corrector", "linear answer")
+        corrects = name in ("corrector", "linear solution")
         x = 1e3 * ((row["seconds"] or 0.0) + (typical["linear"] if corrects else 0.0))
         found = row["errors"][field]
         y = 100 * found["median"]

@@ -429,10 +429,10 @@ PAPER = {"Baseline": "base", "A": "A", "B": "B", "B, 32 channels": "B 32", "B, 8
 TOLERANCES = ("fem p1-bar 2000, 1 mN", "fem p1-bar 2000, 10 µN", "fem p1-bar 2000")
 SERIES = {
     "closed form of a bonded layer": Series("s", "#7f7f7f", {"bonded layer": ""}),
-    "linear answer, by nodes": Series(
+    "linear solution, by nodes": Series(
         "o", "#90cdf4", {"compliance 1000": "1000", "compliance": ""}
     ),
-    "linear answer, by corrections": Series(
+    "linear solution, by corrections": Series(
         "o",
         BLUE,
         {"compliance": "0", "compliance, 1 correction": "1"}
@@ -440,9 +440,9 @@ SERIES = {
             f"compliance, {corrections} corrections": f"{corrections}" for corrections in (3, 6, 12)
         },
     ),
-    "linear answer without friction": Series("s", BLUE, {"compliance, no friction": ""}),
-    "linear answer at nodes": Series("D", BLUE, {"compliance at nodes": ""}),
-    "linear answer on cells": Series("P", BLUE, {"linear, on cells": ""}),
+    "linear solution without friction": Series("s", BLUE, {"compliance, no friction": ""}),
+    "linear solution at nodes": Series("D", BLUE, {"compliance at nodes": ""}),
+    "linear solution on cells": Series("P", BLUE, {"linear, on cells": ""}),
     "network, by channels": Series(
         "*", RED, {"network, 16 channels": "16", "network": "32", "network, 48 channels": "48"}
     ),

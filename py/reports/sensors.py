@@ -95,7 +95,7 @@ def refusal(pad: str) -> str | None:
 
 
 def errors(pad: str, shape: tuple[str, int], share: float) -> dict[str, Any]:
-    """Errors of the network and its linear answer, and those that the network predicts."""
+    """Errors of the network and its linear solution, and those that the network predicts."""
     gel = gel_of(pad)
     mesh = ruffini.sensor(gel.sensor, resolution=MODEL_NODES).mesh
     depth = share * float(np.ptp(mesh.vertices[:, 2]))
@@ -182,9 +182,9 @@ Mises stress / force in %; *linear* is the answer that the network corrects, `Li
 
 {pads}
 
-*Worse*: presses on which the network is farther off than its linear answer. *As predicted*: presses
-on which it is at most as far off as its `predicted_error`, which on presses like its training data
-holds for 95 in 100.
+*Worse*: presses on which the network is farther off than its linear solution. *As predicted*:
+presses on which it is at most as far off as its `predicted_error`, which on presses like its training
+data holds for 95 in 100.
 
 {losing}
 
@@ -200,9 +200,9 @@ holds for 95 in 100.
 KNOWN = """On the Mini, {coarse} nodes give an answer that differs from it by at most
 {displacement:100*.1f} / {stress:100*.1f} / {force:100*.1f} % on one press, so smaller
 differences say nothing."""
-LOSING = """By its median error, the network is worse than its linear answer on: {pads}."""
-ALL_WON = """By its median, the network is nearer to the truth than its linear answer on every pad,
-in displacement, stress and force."""
+LOSING = """By its median error, the network is worse than its linear solution on: {pads}."""
+ALL_WON = """By its median, the network is nearer to the reference than its linear solution on every
+pad, in displacement, stress and force."""
 
 
 def page(report: dict[str, Any]) -> str:
@@ -249,7 +249,7 @@ def of_presses() -> dict[str, Any]:
 
 
 def losing(pads: dict[str, Any]) -> str:
-    """Pads on which the network's median error is larger than that of its linear answer."""
+    """Pads on which the network's median error is larger than that of its linear solution."""
     lost = {
         pad: [
             part for part in PARTS if of["network"][part]["median"] > of["linear"][part]["median"]

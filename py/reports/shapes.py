@@ -1,7 +1,7 @@
 """The shipped network on plain shapes, by their size and depth, and by their place on the pad.
 
 Balls and blocks in the middle of the pad, and by its sides and in its corner. The truth is that of
-``tests/reference/presses.py``; beside the network stands the linear answer that it corrects.
+``tests/reference/presses.py``; beside the network stands the linear solution that it corrects.
 --quick asks the smallest ball alone.
 """
 

@@ -71,9 +71,9 @@ def add_to(commands: Any) -> None:
     judge = parts.add_parser(
         "evaluate",
         help="errors of a network on a dataset",
-        description="Errors of a corrector and of the linear answer that it corrects, or of one of "
-        "the paper's networks, on the test part of a split, by object. Those of a network of soft "
-        "objects are in its card, card.toml.",
+        description="Errors of a corrector and of the linear solution that it corrects, or of one "
+        "of the paper's networks, on the test part of a split, by object. Those of a network of "
+        "soft objects are in its card, card.toml.",
     )
     judge.add_argument("weights", help="the .safetensors file")
     judge.add_argument("data", help="the dataset")
@@ -124,7 +124,7 @@ def _teller(parts: tuple[str, ...]) -> Callable[[str, dict[str, Any]], bool]:
             text = f"{progress['done']}/{progress['all']} shards"
         else:
             text = f"{progress['train']} frames to train on, "
-            text += f"{progress['lost']} without a linear answer"
+            text += f"{progress['lost']} without a linear solution"
         end = "\r" if stage == "shard" and sys.stderr.isatty() else "\n"
         print(text, end=end, file=sys.stderr, flush=True)
         return True
