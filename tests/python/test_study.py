@@ -101,6 +101,12 @@ def test_touch_begins_when_the_steps_with_rigid_pads_are_over():
     assert not dones.any()
 
 
+def test_environments_without_and_with_touch_are_both_closed():
+    rigid, feeling = (make_vec_env(LIFT, 2, tactile=name) for name in ("none", "surrogate"))
+    FirstWithoutTouch(rigid, feeling, 20).close()
+    assert rigid.envs.closed and feeling.envs.closed
+
+
 def test_a_seed_gives_the_same_agent_on_any_number_of_threads(tmp_path: Path):
     weights = []
     for threads in (1, 2):
