@@ -198,12 +198,12 @@ labels of commit 102a9b6, of a flat layer.
 Before that, two things were mended in labels and linear solution. The elastic layer by which
 contact is solved turns with the face, which falls off towards its sides by up to 33°: the force
 beside a side was 3 to 5 % off. And the influence of the sides is that of quadratic elements, no
-longer of linear ones: the displacement of the linear solution in a corner was 9.2 % off under a ball of 2 mm,
-0.2 mm deep, and is 6.0 % off. Both brought the displacement of a network from 400 indenters from
-8.2 to 7.2 %, its stress from 8.4 to 9.0 and its force from 2.2 to 1.6 on 40 indenters. Each frame
-is reached in four load steps: under a blade with friction 0.8 the displacement by one step is 10 %
-off that by twelve, by four steps 0.6 %. Ten times the weight decay and twice the weight of the
-force in the loss did not help.
+longer of linear ones: the displacement of the linear solution in a corner was 9.2 % off under a
+ball of 2 mm, 0.2 mm deep, and is 6.0 % off. Both brought the displacement of a network from 400
+indenters from 8.2 to 7.2 %, its stress from 8.4 to 9.0 and its force from 2.2 to 1.6 on 40
+indenters. Each frame is reached in four load steps: under a blade with friction 0.8 the
+displacement by one step is 10 % off that by twelve, by four steps 0.6 %. Ten times the weight decay
+and twice the weight of the force in the loss did not help.
 
 ## Textured indenters: tried, not shipped
 

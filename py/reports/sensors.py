@@ -183,8 +183,8 @@ Mises stress / force in %; *linear* is the answer that the network corrects, `Li
 {pads}
 
 *Worse*: presses on which the network is farther off than its linear solution. *As predicted*:
-presses on which it is at most as far off as its `predicted_error`, which on presses like its training
-data holds for 95 in 100.
+presses on which it is at most as far off as its `predicted_error`, which on presses like its
+training data holds for 95 in 100.
 
 {losing}
 
