@@ -80,8 +80,9 @@ pub struct Estimate {
 }
 
 /// Processor time of a frame of one soft body of 2,000 nodes (s), the power of the number of nodes
-/// with which it grows (both from `tests/reports/dataset.md`), and the factor of the number of nodes
-/// with which quadratic elements cost as much as linear ones (400 presses of 850 nodes take 5,400 s).
+/// with which it grows (both from `tests/reports/dataset.md`), and the factor of the number of
+/// nodes with which quadratic elements cost as much as linear ones (400 presses of 850 nodes take
+/// 5,400 s).
 const FRAME: f64 = 1.25;
 const NODES: f64 = 2000.0;
 const POWER: f64 = 1.4;

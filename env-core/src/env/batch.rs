@@ -193,8 +193,9 @@ impl Batch {
         Ok(StepResult { observation: self.observation.clone(), ..result })
     }
 
-    /// Sets a quantity of the start of all further episodes of each row, `values` (N); where a value
-    /// is not a number, the quantity is drawn. Returns an error if one is out of its setting's range.
+    /// Sets a quantity of the start of all further episodes of each row, `values` (N); where a
+    /// value is not a number, the quantity is drawn. Returns an error if one is out of its
+    /// setting's range.
     pub fn give(&mut self, quantity: StartQuantity, values: &[f64]) -> Result<()> {
         self.expect_length("start", values.len(), "one value a row")?;
         let setup = self.setup.clone();
@@ -333,8 +334,8 @@ impl Batch {
         Ok([object].into_iter().chain(distractors).chain(fixture).collect())
     }
 
-    /// Solves the current contact of a row with these `parameters` again, for a picture; `None` where
-    /// nothing touches or the solution fails. The state of the row does not change.
+    /// Solves the current contact of a row with these `parameters` again, for a picture; `None`
+    /// where nothing touches or the solution fails. The state of the row does not change.
     fn current_deformation(
         &mut self,
         row: usize,

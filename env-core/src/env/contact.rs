@@ -1,5 +1,5 @@
-//! Contact of the fingers with object and distractors through an episode: presses that follow from the motion
-//! of the rigid bodies, and contact forces that follow from their solutions.
+//! Contact of the fingers with object and distractors through an episode: presses that follow from
+//! the motion of the rigid bodies, and contact forces that follow from their solutions.
 
 use serde::{Deserialize, Serialize};
 
@@ -140,9 +140,9 @@ impl ContactState {
         Ok(solutions)
     }
 
-    /// Corrects the elastic foundation of `scene`, whose state is `state`, towards the forces of the
-    /// solutions. The model of a soft object is in equilibrium and without weight, so it gives the
-    /// normal forces of the fingers but not the friction that carries the weight.
+    /// Corrects the elastic foundation of `scene`, whose state is `state`, towards the forces of
+    /// the solutions. The model of a soft object is in equilibrium and without weight, so it gives
+    /// the normal forces of the fingers but not the friction that carries the weight.
     pub(super) fn correct(&self, scene: &mut Scene, state: &SceneState, solutions: &StepSolutions) {
         for finger in 0..2 {
             match self {

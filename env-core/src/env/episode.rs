@@ -102,9 +102,9 @@ impl PendingStep {
 }
 
 impl Episode {
-    /// Creates an episode with parameters that are `given` or else drawn from `random`, and its first
-    /// motion. Parameters with which the hand does not hold the object, where it has to, are drawn
-    /// again; if it never does, that is an error.
+    /// Creates an episode with parameters that are `given` or else drawn from `random`, and its
+    /// first motion. Parameters with which the hand does not hold the object, where it has to, are
+    /// drawn again; if it never does, that is an error.
     pub(super) fn start(
         setup: &Setup,
         random: &mut ChaCha8Rng,
@@ -207,8 +207,8 @@ impl Episode {
         }
     }
 
-    /// Attaches the objects to a deserialised episode. Returns an error if the settings have no such
-    /// object.
+    /// Attaches the objects to a deserialised episode. Returns an error if the settings have no
+    /// such object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
         let count = setup.models.len();
         let model = |(index, _)| {

@@ -56,7 +56,8 @@ impl Row {
         self.random = ChaCha8Rng::seed_from_u64(seed);
     }
 
-    /// Begins a reset, which [`Row::open`] ends.
+    /// Begins a reset, which [`Row::open`] ends. After an error the row is as one that was never
+    /// reset.
     pub(super) fn reset(&mut self, setup: &Setup) -> Result<()> {
         self.slipped = 0;
         self.draw(setup)

@@ -57,8 +57,8 @@ impl TrialHold {
 }
 
 /// Computes the stress limit (Pa) from the solutions `answers` of a trial that has settled. For the
-/// few per cent by which the normal force still differs from the grip force, the stress is assumed to
-/// be proportional to the square root of the force.
+/// few per cent by which the normal force still differs from the grip force, the stress is assumed
+/// to be proportional to the square root of the force.
 pub(super) fn limit(trial: &TrialGrip, answers: PerFinger<Result<Deformation>>) -> Result<f64> {
     let [left, right] = answers.map(|answer| answer.unwrap_or(Err(Error::NoTrial)));
     let (left, right) = (left?, right?);

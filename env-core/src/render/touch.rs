@@ -96,8 +96,8 @@ const FRAME: usize = 2;
 /// bar relative to the inset (`BAR`).
 const SHARE: f64 = 0.36;
 const BAR: f64 = 0.06;
-/// Smallest width and height of a picture with an inset, and smallest width of an inset with numbers
-/// (pixels).
+/// Smallest width and height of a picture with an inset, and smallest width of an inset with
+/// numbers (pixels).
 const SMALLEST: usize = 96;
 const SMALLEST_NUMBERED: usize = 64;
 /// Vertical field of view of the inset (rad).

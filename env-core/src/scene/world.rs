@@ -206,8 +206,8 @@ impl Scene {
         [self.object].into_iter().chain(self.distractors.iter().map(|(body, _)| *body)).collect()
     }
 
-    /// Returns for the object and each distractor whether it touched the table or another of them in
-    /// the last step.
+    /// Returns for the object and each distractor whether it touched the table or another of them
+    /// in the last step.
     fn are_supported(&self) -> Vec<bool> {
         let distractors = self.distractors.iter().map(|(_, collider)| *collider);
         let solids: Vec<_> = [self.object_collider].into_iter().chain(distractors).collect();

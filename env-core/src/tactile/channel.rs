@@ -1,9 +1,9 @@
 //! Tactile channels: a table of their shapes, units and bounds, and the evaluation of each.
 //!
 //! Vectors are in the frame of the pad. Without contact every entry is exactly 0, except in the
-//! depth map and the image, which show the resting face. Bounds: displacement up to four times the pad's
-//! thickness, and stress up to 25 times Young's modulus, about ten times the stress that tears a
-//! silicone gel; that of single tetrahedra up to a thousand times.
+//! depth map and the image, which show the resting face. Bounds: displacement up to four times the
+//! pad's thickness, and stress up to 25 times Young's modulus, about ten times the stress that
+//! tears a silicone gel; that of single tetrahedra up to a thousand times.
 
 use nalgebra::Vector3;
 
@@ -60,8 +60,8 @@ pub struct Spec {
 const MOST_MOTION: f64 = 4.0;
 /// Bound of the stress, in Young's moduli.
 const MOST_STRESS: f64 = 25.0;
-/// Bound of the stress of single tetrahedra, in Young's moduli: one that an edge folds has many times
-/// the mean over a cell of the grid.
+/// Bound of the stress of single tetrahedra, in Young's moduli: one that an edge folds has many
+/// times the mean over a cell of the grid.
 const MOST_TET_STRESS: f64 = 1000.0;
 /// Bound of force (N), torque (N m) and unbalanced force (N).
 const MOST_FORCE: f64 = 5000.0;

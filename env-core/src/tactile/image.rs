@@ -72,7 +72,8 @@ impl TactileCamera {
         colours.iter().flatten().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
     }
 
-    /// Convolves a map (P) with the camera's Gaussian; beyond the view it has the values of the edge.
+    /// Convolves a map (P) with the camera's Gaussian; beyond the view it has the values of the
+    /// edge.
     fn smoothed(&self, map: &[f32]) -> Vec<f32> {
         let [nx, ny] = self.view.grid.counts.map(|count| count as usize);
         let [of_row, of_column] =
@@ -154,8 +155,8 @@ impl ResponseRow {
         Self { p, q, x, colours: [0, 1, 2].map(|_| vec![0.0; width]) }
     }
 
-    /// Sets the slopes, limited to `steepest`, and their powers: those of `line` at pixels `dx` apart
-    /// (m), and the difference of the lines beside it times `across` (1/m).
+    /// Sets the slopes, limited to `steepest`, and their powers: those of `line` at pixels `dx`
+    /// apart (m), and the difference of the lines beside it times `across` (1/m).
     fn slopes(
         &mut self,
         line: &[f32],

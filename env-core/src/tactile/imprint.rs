@@ -1,11 +1,12 @@
-//! Height map of a face that objects press: their own surface where they touch it, the gel's beside.
+//! Height map of a face that objects press: their own surface where they touch it, the gel's
+//! beside.
 //!
 //! Nodes of a pad's mesh stand more than a millimetre apart, too far for the rim of a contact. Near
-//! contact the gel's surface is therefore smoothed ([`SmoothFace`]). Where nodes bear pressure p it is
-//! first raised by β h p/E*, with E* = E/(1 − ν²) and the spacing h of the nodes, at most to a little
-//! beyond the object; then it is lowered to the object wherever it lies inside. The rim is where
-//! both meet. At the edge of an object that the smoothed surface cannot follow, it rises from the
-//! object with a fixed slope ([`ease`]).
+//! contact the gel's surface is therefore smoothed ([`SmoothFace`]). Where nodes bear pressure p it
+//! is first raised by β h p/E*, with E* = E/(1 − ν²) and the spacing h of the nodes, at most to a
+//! little beyond the object; then it is lowered to the object wherever it lies inside. The rim is
+//! where both meet. At the edge of an object that the smoothed surface cannot follow, it rises from
+//! the object with a fixed slope ([`ease`]).
 //!
 //! Shapes: V nodes of the mesh, P pixels, those across the fastest.
 
@@ -28,8 +29,8 @@ use crate::{
 /// Factor β of the raise. A larger one makes contacts look larger, by 0.1 mm at 0.6; with a smaller
 /// one the scatter of finite elements from node to node shows.
 const RAISE: f64 = 0.3;
-/// Largest height over the object to which nodes are raised, in spacings of the nodes: more than the
-/// smoothed surface falls short of the object inside of a flat contact with sharp edges.
+/// Largest height over the object to which nodes are raised, in spacings of the nodes: more than
+/// the smoothed surface falls short of the object inside of a flat contact with sharp edges.
 const OVER: f64 = 0.05;
 /// Share of the largest nodal force from which a node counts as bearing.
 const BEARING: f64 = 0.02;
@@ -60,8 +61,8 @@ struct SmoothView {
 pub(super) struct Imprint {
     /// Heights (P) in m.
     pub(super) heights: Vec<f64>,
-    /// By how much the surface that is deformed lies over that of the mesh at rest (P) in m: 0 where
-    /// both are the same.
+    /// By how much the surface that is deformed lies over that of the mesh at rest (P) in m: 0
+    /// where both are the same.
     pub(super) rise: Vec<f64>,
 }
 
@@ -85,7 +86,8 @@ impl FaceView {
         Self { grid, modulus, smooth: OnceLock::new() }
     }
 
-    /// Height map of `face` deformed by `objects` at their poses; by the mesh alone if there are none.
+    /// Height map of `face` deformed by `objects` at their poses; by the mesh alone if there are
+    /// none.
     pub(super) fn imprint(
         &self,
         face: &Face,

@@ -67,7 +67,8 @@ fn task(task: &Task) -> Value {
     })
 }
 
-/// Settings that are no numbers with their defaults; entry by entry if they are mappings of numbers.
+/// Settings that are no numbers with their defaults; entry by entry if they are mappings of
+/// numbers.
 fn others(config: &TaskConfig) -> Vec<Value> {
     let terms = config.task.terms().iter();
     let weights: Map<_, _> = terms.map(|term| (term.name.into(), term.weight.into())).collect();

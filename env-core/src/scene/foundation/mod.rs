@@ -206,7 +206,8 @@ impl Foundations {
         self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
-    /// Corrects only the normal force of a finger, towards `force` (N); see [`Foundations::correct`].
+    /// Corrects only the normal force of a finger, towards `force` (N); see
+    /// [`Foundations::correct`].
     pub(super) fn correct_pressing(&mut self, finger: usize, poses: &[Isometry3<f64>], force: f64) {
         let touches = self.all_touches(finger, poses);
         let friction = self.friction;
@@ -432,7 +433,8 @@ impl Twist {
     }
 }
 
-/// Velocities of bodies and slides; those of the slides are relative to a wrist that moves as `base`.
+/// Velocities of bodies and slides; those of the slides are relative to a wrist that moves as
+/// `base`.
 fn motion(
     world: &PhysicsWorld,
     hand: &HandBodies,
@@ -513,8 +515,9 @@ fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrenc
 /// `sudden` are the other forces on a body that only the pads touch (N), and the duration of the
 /// step (s). It gets all of them as one impulse, so that it moves through the step at the velocity
 /// that was solved for. Forces would accelerate it from substep to substep: at an acceleration a it
-/// would end (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h. On
-/// the table an impulse would kick it loose from the friction that Rapier balances in each substep.
+/// would end (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h.
+/// On the table an impulse would kick it loose from the friction that Rapier balances in each
+/// substep.
 fn push(
     world: &mut PhysicsWorld,
     body: RigidBodyHandle,

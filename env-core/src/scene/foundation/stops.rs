@@ -34,8 +34,8 @@ const ALONG: f64 = 0.5;
 /// Most sweeps, and relative change of the impulses at which they end.
 const SWEEPS: usize = 60;
 const CLOSE: f64 = 1e-3;
-/// Directions in which the outermost points of one face are kept; the others bear nothing that these
-/// cannot.
+/// Directions in which the outermost points of one face are kept; the others bear nothing that
+/// these cannot.
 const DIRECTIONS: usize = 8;
 /// Cosine between normals of one face.
 const PARALLEL: f64 = 0.9999;
@@ -182,8 +182,8 @@ impl<const N: usize> FixtureImpulses<N> {
         pairs.map(|((rows, _), impulse)| rows.tr_mul(impulse)).sum()
     }
 
-    /// Finds the impulses with which the velocities, `free` without them, obey the contact law after
-    /// a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
+    /// Finds the impulses with which the velocities, `free` without them, obey the contact law
+    /// after a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
     pub(super) fn solve(
         &mut self,
         free: &Velocities<N>,

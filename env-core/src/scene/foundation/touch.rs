@@ -30,8 +30,8 @@ impl Root {
         Self { place, edges, borders, reach, steps }
     }
 
-    /// The `normal` turned so that the distance from the object grows by `rises` (m) along the edges
-    /// of the cell.
+    /// The `normal` turned so that the distance from the object grows by `rises` (m) along the
+    /// edges of the cell.
     fn risen(&self, normal: &Vector3<f64>, rises: [f64; 2]) -> Vector3<f64> {
         let along = |axis: usize| {
             let edge = &self.edges[axis];
@@ -149,8 +149,8 @@ impl BristleFace {
 
     /// Adds the bristles that meet `obstacle`, with depths at the bristles.
     fn meet(&self, obstacle: &PlacedObject, touches: &mut Vec<BristleContact>) {
-        // Where the exact distance is known, it is larger than `reach` nearer to that place than the
-        // rest. The factor is far above rounding.
+        // Where the exact distance is known, it is larger than `reach` nearer to that place than
+        // the rest. The factor is far above rounding.
         let is_exact = obstacle.shape.distance_error() == 0.0;
         let (mut known, mut free) = (Vector3::zeros(), 0.0);
         for (bristle, root) in self.roots.iter().enumerate() {
@@ -242,8 +242,8 @@ impl BristleFace {
                     let [one, other] = &root.borders[axis];
                     return obstacle.beyond(face, one) - obstacle.beyond(face, other);
                 }
-                // Where a crease crosses the cell, the normal is the mean of those beside it. That of
-                // the middle alone would turn at once, and the object would jump.
+                // Where a crease crosses the cell, the normal is the mean of those beside it. That
+                // of the middle alone would turn at once, and the object would jump.
                 let [one, other] = &root.borders[axis];
                 let (one, its_normal) = obstacle.distance(one);
                 let (other, other_normal) = obstacle.distance(other);
