@@ -192,9 +192,12 @@ impl Sensor {
 
     /// Returns the built-in sensor `name`, or reads the file if `name` is the path of a .toml file.
     pub fn open(name: &str) -> Result<Self> {
-        let path = Path::new(name);
-        let is_file = path.extension().is_some_and(|extension| extension == "toml");
-        if is_file { Self::read(path) } else { Self::named(name) }
+        if Self::is_file(name) { Self::read(Path::new(name)) } else { Self::named(name) }
+    }
+
+    /// Returns whether `name` is the path of a .toml file.
+    pub fn is_file(name: &str) -> bool {
+        Path::new(name).extension().is_some_and(|extension| extension == "toml")
     }
 
     /// Returns the calibration `name`, or an error that lists the available ones.

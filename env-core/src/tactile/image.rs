@@ -26,6 +26,8 @@ pub(super) struct TactileCamera {
     rest: Vec<f64>,
     /// Colours of the resting face (P, 3).
     background: Vec<[f32; 3]>,
+    /// Weights of the Gaussian that smooths the height, along a row and along a column.
+    smoothing: [Vec<f32>; 2],
 }
 
 impl TactileCamera {
@@ -47,6 +49,7 @@ impl TactileCamera {
         };
         Self {
             rest: depth::heights(face, grid, None),
+            smoothing: grid.cell.map(|cell| gaussian(response.smoothing / cell)),
             background: grid.centres().map(at).collect(),
             response: response.clone(),
             half_view,
@@ -76,8 +79,7 @@ impl TactileCamera {
     /// edge.
     fn smoothed(&self, map: &[f32]) -> Vec<f32> {
         let [nx, ny] = self.view.grid.counts.map(|count| count as usize);
-        let [of_row, of_column] =
-            [0, 1].map(|axis| gaussian(self.response.smoothing / self.view.grid.cell[axis]));
+        let [of_row, of_column] = &self.smoothing;
         let reach = of_row.len() / 2;
         let mut padded = vec![0.0; nx + 2 * reach];
         let mut passed = vec![0.0; map.len()];

@@ -18,6 +18,7 @@ mod imprint;
 mod lower;
 mod model;
 mod object;
+mod recent;
 mod shell;
 mod skin;
 mod smooth_face;
