@@ -355,15 +355,15 @@ impl Batch {
         Ok(deformation.map(|answer| answer?.ok()))
     }
 
-    /// Saves each row as bytes.
+    /// Saves each row as bytes, without the quantities given by [`Batch::give`].
     pub fn save(&self) -> Vec<Vec<u8>> {
         let size = self.setup.layout().size();
         let rows = self.rows.iter().zip(self.observation.chunks(size));
         rows.map(|(row, observation)| snapshot::save(row, observation, &self.setup)).collect()
     }
 
-    /// Restores each row from the result of [`Batch::save`] and returns all observations (N, D). On
-    /// an error nothing changes.
+    /// Restores each row from the result of [`Batch::save`] and returns all observations (N, D).
+    /// The start of further episodes is drawn. On an error nothing changes.
     pub fn load(&mut self, states: &[impl AsRef<[u8]>]) -> Result<Vec<f32>> {
         self.expect_length("state", states.len(), "one snapshot a row")?;
         let (mut rows, mut observation) = (Vec::new(), Vec::new());

@@ -42,7 +42,7 @@ pub struct Setup {
     layout: ObservationLayout,
     models: Vec<ObjectModel>,
     tactile: TactileModel,
-    /// Hash that identifies the settings in snapshots.
+    /// Hash that identifies the settings and their files in snapshots.
     fingerprint: [u8; 8],
 }
 
@@ -54,7 +54,7 @@ impl Setup {
         let models = config.models()?;
         let tactile = tactile_model(&config, &models)?;
         let layout = ObservationLayout::new(&config, tactile.pads().map(|pad| &**pad.skin()))?;
-        let fingerprint = snapshot::fingerprint(&config);
+        let fingerprint = snapshot::fingerprint(&config)?;
         let setup = Self { config, layout, models, tactile, fingerprint };
         episode::check_starts(&setup)?;
         Ok(setup)
