@@ -12,6 +12,7 @@ use super::{
     contact::{ContactState, PerFinger, StepSolutions, stiffened},
     distractors::beside,
     given::{GivenStart, StartQuantity},
+    guarded,
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::{InitialState, settle},
     trajectory::{PosesInPads, Trajectory},
@@ -22,8 +23,8 @@ use crate::{
     deformation::{Deformation, Press},
     scene::{MOST_DISTRACTORS, Scene, SceneObject, SceneState},
     task::{
-        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, ObjectSpec, Progress, Range,
-        RewardTerms, Start, StepState, TrialGrip, command,
+        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms, Start,
+        StepState, TrialGrip, command,
     },
 };
 
@@ -119,9 +120,7 @@ impl Episode {
             }
         }
         let (object, grip) = failed.unwrap_or_default();
-        let spec = &setup.config.objects[object];
-        let found = format!("{spec}, which the hand does not hold in any of {DRAWS} draws");
-        Err(Error::invalid("objects", found, format!("one that it can grip with {grip:.3} N")))
+        Err(never_held(setup, object, grip))
     }
 
     /// Creates an episode with these parameters, the object at `pose` and the hand at `place` (m),
@@ -378,14 +377,22 @@ impl Episode {
     }
 }
 
+/// Error about an object that the hand, with `grip` (N), has not held in [`DRAWS`] draws.
+pub(super) fn never_held(setup: &Setup, object: usize, grip: f64) -> Error {
+    let spec = &setup.config.objects[object];
+    let found = format!("{spec}, which the hand does not hold in any of {DRAWS} draws");
+    Error::invalid("objects", found, format!("one that it can grip with {grip:.3} N"))
+}
+
 /// Returns an error if no episode can start with an object of one's own. Those of the catalogue are
 /// known to be held.
 pub(super) fn check_starts(setup: &Setup) -> Result<()> {
     for (object, spec) in setup.config.objects.iter().enumerate() {
-        if !matches!(spec, ObjectSpec::Name(_)) {
+        if !spec.is_in_catalogue() {
             let mut given = GivenStart::default();
             given.set(StartQuantity::Object, object as f64, setup)?;
-            Episode::start(setup, &mut ChaCha8Rng::seed_from_u64(0), &given)?;
+            let mut random = ChaCha8Rng::seed_from_u64(0);
+            guarded(|| Episode::start(setup, &mut random, &given)).flatten()?;
         }
     }
     Ok(())
@@ -455,5 +462,39 @@ fn observe(setup: &Setup, step: &StepState, row: &mut [f32], costs: &mut StageTi
     for channel in 0..setup.layout.channels().len() {
         let here = rest;
         rest = costs.time(CHANNEL + channel, || setup.layout.write_channel(channel, step, here));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        tactile::Choice,
+        task::{ObjectSpec, Task, TaskConfig},
+    };
+
+    /// A cube of 3 cm.
+    const CUBE: &str = "v -0.015 -0.015 -0.015\nv 0.015 -0.015 -0.015\nv 0.015 0.015 -0.015\n\
+        v -0.015 0.015 -0.015\nv -0.015 -0.015 0.015\nv 0.015 -0.015 0.015\nv 0.015 0.015 0.015\n\
+        v -0.015 0.015 0.015\nf 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+
+    #[test]
+    fn a_start_with_an_own_mesh_is_tried_however_it_is_given() {
+        let path = std::env::temp_dir().join(format!("ruffini-cube-{}.obj", std::process::id()));
+        std::fs::write(&path, CUBE).unwrap();
+        // So heavy and smooth that the hand holds nothing.
+        let setup = |object: serde_json::Value| {
+            let objects: Vec<ObjectSpec> = vec![serde_json::from_value(object).unwrap()];
+            let (tactile, task) = (Choice::None, Task::named("HoldStill").unwrap());
+            let (mass, friction) = ([0.5; 2], [0.01; 2]);
+            Setup::new(TaskConfig { tactile, objects, mass, friction, ..TaskConfig::of(&task) })
+        };
+        assert!(setup("cuboid".into()).is_ok());
+        let path = path.display().to_string();
+        for object in [serde_json::json!(path), serde_json::json!({"mesh": path})] {
+            let error = setup(object).err().unwrap().to_string();
+            assert!(error.contains("which the hand does not hold"), "{error}");
+        }
+        std::fs::remove_file(path).unwrap();
     }
 }
