@@ -26,11 +26,11 @@ mod stops;
 mod touch;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
-use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
+use rapier3d::prelude::{Collider, PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Gripper, ObjectModel, SceneObject, SoftPads,
+    Fixture, Gripper, ObjectModel, SceneObject, SoftPads,
     gripper::{HandBodies, damping},
     units,
 };
@@ -38,7 +38,7 @@ use crate::{deformation::Wrench, geometry::Shape};
 use balance::{Bodies, Inertia, LoadedBristle, wrench_of};
 use correction::Correction;
 use law::FoundationLaw;
-pub(super) use stops::{FixtureContact, stops};
+pub(super) use stops::FixtureContact;
 use touch::{BristleAnchor, BristleContact, BristleFace, PlacedObject};
 
 /// Elastic foundations of both pads of a scene.
@@ -83,6 +83,8 @@ struct Surroundings {
     /// Bodies in their actual size, the object first, each with the radius of a sphere about the
     /// origin of its frame that contains it (m).
     bodies: Vec<(Shape, f64)>,
+    /// Boxes of the fixture, as [`Fixture::boxes`] gives them; none without one.
+    blocks: Vec<(Isometry3<f64>, Vector3<f64>)>,
 }
 
 /// Inputs of the elastic foundation for one Rapier step.
@@ -145,10 +147,9 @@ impl PadFoundation {
 
 impl Foundations {
     /// Creates the elastic foundations of a new scene with these bodies, the object first.
-    pub(super) fn new(pads: &SoftPads, bodies: &[&SceneObject]) -> Self {
-        let face = BristleFace::new(&pads.outline);
+    pub(super) fn new(pads: &SoftPads, bodies: &[&SceneObject], fixture: Option<&Fixture>) -> Self {
         let contact =
-            PadBodyContact { anchors: vec![None; face.count()], wrench: Wrench::default() };
+            PadBodyContact { anchors: vec![None; BristleFace::COUNT], wrench: Wrench::default() };
         let contacts = vec![contact; bodies.len()];
         let pad = PadFoundation { contacts, correction: Correction::default() };
         let mut foundation = Self {
@@ -162,20 +163,26 @@ impl Foundations {
             contacts: Vec::new(),
         };
         let models: Vec<_> = bodies.iter().map(|body| body.model).collect();
-        foundation.attach(pads, &models);
+        foundation.attach(pads, &models, fixture);
         foundation
     }
 
     /// Restores the data that a saved scene does not contain, unless these are not the `models` of
     /// all bodies.
-    pub(super) fn attach(&mut self, pads: &SoftPads, models: &[&ObjectModel]) {
+    pub(super) fn attach(
+        &mut self,
+        pads: &SoftPads,
+        models: &[&ObjectModel],
+        fixture: Option<&Fixture>,
+    ) {
         let sized = |(model, &scale): (&&ObjectModel, &f64)| {
             (model.sampled().scaled(scale), scale * model.radius())
         };
         let bodies: Vec<_> = models.iter().zip(&self.scales).map(sized).collect();
         let face = BristleFace::new(&pads.outline);
+        let blocks = fixture.map(Fixture::boxes).unwrap_or_default();
         let is_whole = models.len() == self.scales.len();
-        self.surroundings = is_whole.then_some(Surroundings { face, bodies });
+        self.surroundings = is_whole.then_some(Surroundings { face, bodies, blocks });
     }
 
     /// Returns whether the bodies are attached.
@@ -196,6 +203,12 @@ impl Foundations {
     /// Wrench of the fixture on the object in the last step, in the world about the centre of mass.
     pub(super) fn fixture(&self) -> Wrench {
         self.fixture
+    }
+
+    /// Points at which the `object`, whose centre of mass is `center` (m), is next to the fixture.
+    pub(super) fn stops(&self, object: &Collider, center: &Vector3<f64>) -> Vec<FixtureContact> {
+        let blocks = self.surroundings.iter().flat_map(|surroundings| &surroundings.blocks);
+        stops::stops(blocks, object, center)
     }
 
     /// Corrects a finger towards the wrench `model` on its pad, computed by a more accurate model
@@ -396,8 +409,9 @@ impl SoftPads {
     ) -> Vec<Wrench> {
         let law = FoundationLaw::new(self);
         let bodies = vec![(object.sampled().clone(), object.radius())];
-        let surroundings = Surroundings { face: BristleFace::new(&self.outline), bodies };
-        let mut anchors = vec![None; surroundings.face.count()];
+        let face = BristleFace::new(&self.outline);
+        let surroundings = Surroundings { face, bodies, blocks: Vec::new() };
+        let mut anchors = vec![None; BristleFace::COUNT];
         let mut touches = Vec::new();
         let frame = |pose: &Isometry3<f64>| {
             let obstacle = surroundings.obstacle(0, pose);

@@ -93,6 +93,9 @@ pub(super) struct BristleContact {
 }
 
 impl BristleFace {
+    /// Number of bristles.
+    pub(super) const COUNT: usize = COUNTS[0] * COUNTS[1];
+
     pub(super) fn new(outline: &PadOutline) -> Self {
         let [across, along] = COUNTS;
         let cell = [outline.width / across as f64, outline.length / along as f64];
@@ -104,13 +107,9 @@ impl BristleFace {
             let edges = [Vector3::new(cell[0], 0.0, rise[0]), Vector3::new(0.0, cell[1], rise[1])];
             Root::new(Vector3::new(x, y, outline.height(x, y)), edges)
         };
-        let roots: Vec<_> = (0..across * along).map(root).collect();
+        let roots: Vec<_> = (0..Self::COUNT).map(root).collect();
         let reach = roots.iter().map(|root| root.reach).fold(0.0, f64::max);
         Self { roots, area: cell[0] * cell[1], reach, outline: *outline }
-    }
-
-    pub(super) fn count(&self) -> usize {
-        self.roots.len()
     }
 
     /// Replaces `touches` by the bristles in contact with `obstacle`, held at their `anchors`.
