@@ -73,12 +73,12 @@ impl ContactState {
         }
     }
 
-    /// Creates the presses in `state`, after object and distractors have moved along `path`, poses in
-    /// the frame of each pad. The solutions go to [`ContactState::keep`].
+    /// Creates the presses in `scene`, after object and distractors have moved along `path`, poses
+    /// in the frame of each pad. The solutions go to [`ContactState::keep`].
     pub(super) fn press(
         &mut self,
         setup: &Setup,
-        state: &SceneState,
+        scene: &Scene,
         path: &[PosesInPads],
         parameters: &EpisodeParameters,
     ) -> Result<PerFinger<Press>> {
@@ -98,9 +98,9 @@ impl ContactState {
             }
             (Self::Object(history), model) => {
                 let history = history.take();
-                let touches = state.fingers.iter().all(|finger| finger.indentation > 0.0);
+                let touches = scene.indentations().iter().all(|depth| *depth > 0.0);
                 if let Some(object) = model.object(parameters.object).filter(|_| touches) {
-                    let faces = state.fingers.each_ref().map(|finger| finger.object.inverse());
+                    let faces = scene.bodies_in_pads().map(|bodies| bodies[0].inverse());
                     presses[0] = Some(object.press(&faces, friction, history)?);
                 }
             }
@@ -190,13 +190,13 @@ pub(super) fn stiffened(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Isometry3;
+    use nalgebra::{Isometry3, Vector3};
 
     use super::*;
     use crate::{
         deformation::Wanted,
         env::Row,
-        scene::Gripper,
+        scene::{Gripper, SceneObject},
         tactile::{Choice, Resolution},
         task::{ObjectSpec, TaskConfig},
     };
@@ -214,7 +214,12 @@ mod tests {
         };
         let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
         row.reset(&setup).unwrap();
-        let (state, parameters) = row.state().unwrap();
+        let (_, parameters) = row.state().unwrap();
+        let pose = Isometry3::translation(0.0, 0.0, parameters.rest_height);
+        let EpisodeParameters { scale, mass, friction, .. } = parameters;
+        let object = SceneObject { model: &setup.models[0], scale, mass, friction, pose };
+        let place = Vector3::new(0.0, 0.0, 0.1);
+        let scene = Scene::new(&setup.config.scene, &object, &place, 0.0).unwrap();
         let end = 0.5 * Gripper::default().pad_length;
         let under = |overlap: f64| {
             let y = -end - parameters.half_extents[1] + overlap;
@@ -222,7 +227,7 @@ mod tests {
         };
         let path = [under(-5e-3), under(3e-4)].map(|poses| [poses.clone(), poses]);
         let mut contact = ContactState::new(setup.tactile(), path[0].clone());
-        let presses = contact.press(&setup, &state, &path[1..], &parameters).unwrap();
+        let presses = contact.press(&setup, &scene, &path[1..], &parameters).unwrap();
         let press = presses[0].clone().expect("the object is in reach");
         let solution =
             setup.tactile().clone().solve_partially(&[0], &[press], Wanted::default()).remove(0);

@@ -224,6 +224,11 @@ impl Episode {
         (self.scene.state(), self.parameters)
     }
 
+    /// See [`Scene::indentations`].
+    pub(super) fn indentations(&self) -> [f64; 2] {
+        self.scene.indentations()
+    }
+
     /// Index of the object.
     pub(super) fn object(&self) -> usize {
         self.parameters.object
@@ -270,7 +275,7 @@ impl Episode {
         if motion.state.failure.is_some() {
             return motion;
         }
-        match self.contact.press(setup, &motion.state, path, &self.parameters) {
+        match self.contact.press(setup, &self.scene, path, &self.parameters) {
             Ok(presses) => motion.presses = presses,
             Err(error) => motion.answers[0] = Some(Err(error)),
         }
@@ -280,12 +285,11 @@ impl Episode {
     /// Returns presses that reproduce the current contact. The state of the fingers does not
     /// change.
     pub(super) fn touch_again(&self, setup: &Setup) -> Result<PerFinger<Press>> {
-        let state = self.scene.state();
-        if state.failure.is_some() {
+        if self.scene.state().failure.is_some() {
             return Ok([None, None]);
         }
         let path = [self.scene.bodies_in_pads()];
-        self.contact.clone().press(setup, &state, &path, &self.parameters)
+        self.contact.clone().press(setup, &self.scene, &path, &self.parameters)
     }
 
     /// Moves the rigid bodies through one control period.

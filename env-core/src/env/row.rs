@@ -202,6 +202,12 @@ impl Row {
         self.costs = StageTimes::default();
     }
 
+    /// Greatest depths of the pads' faces inside the object (m), see
+    /// [`crate::scene::Scene::indentations`]; `None` before the first reset.
+    pub fn indentations(&self) -> Option<[f64; 2]> {
+        self.episode.as_ref().map(Episode::indentations)
+    }
+
     /// State of the rigid bodies and parameters of the episode; `None` before the first reset.
     pub fn state(&self) -> Option<(SceneState, EpisodeParameters)> {
         self.episode.as_ref().map(Episode::state)

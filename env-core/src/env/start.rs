@@ -128,7 +128,7 @@ pub(super) fn settle(
         return Err(Error::NotHeld { grip });
     }
     let poses = path.as_ref().map_or(&[][..], Trajectory::poses);
-    contact.press(setup, &state, poses, parameters)
+    contact.press(setup, scene, poses, parameters)
 }
 
 /// Configuration of the scene of an episode with these parameters: that of the settings, with pads

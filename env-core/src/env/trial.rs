@@ -41,7 +41,7 @@ impl TrialHold {
         let InitialState { scene, path, .. } =
             InitialState::holding(config, &object, &place, grip, COARSE)?;
         let mut contact = ContactState::new(setup.tactile(), path.start());
-        let presses = contact.press(setup, &scene.state(), path.poses(), parameters)?;
+        let presses = contact.press(setup, &scene, path.poses(), parameters)?;
         Ok((Self { scene, contact, grip }, presses))
     }
 

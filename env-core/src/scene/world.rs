@@ -265,16 +265,25 @@ impl Scene {
         let wrench = of_distractors.fold(of_object, |sum, wrench| sum + wrench).seen_from(&pad);
         let of_object = of_object.seen_from(&pad);
         let object = pad.inv_mul(object);
-        let (wrench, of_object, indentation) = match &self.foundation {
-            Some(foundation) => (
-                wrench + foundation.wrench(index),
-                of_object + foundation.wrench_of_object(index),
-                foundation.indentation(index, &object),
-            ),
-            None => (wrench, of_object, 0.0),
+        let (wrench, of_object) = match &self.foundation {
+            Some(foundation) => {
+                (wrench + foundation.wrench(index), of_object + foundation.wrench_of_object(index))
+            }
+            None => (wrench, of_object),
         };
         let object_force = -of_object.force.z;
-        FingerState { position, velocity, pad, wrench, object_force, object, indentation }
+        FingerState { position, velocity, pad, wrench, object_force, object }
+    }
+
+    /// Greatest depths of the undeformed faces of soft pads inside the object (m), 0 without
+    /// contact and for rigid pads.
+    pub fn indentations(&self) -> [f64; 2] {
+        let Some(foundation) = &self.foundation else { return [0.0; 2] };
+        let object = units::si_pose(self.world.bodies[self.object].position());
+        [0, 1].map(|finger| {
+            let pad = self.hand.fingers[finger].pad_pose(&self.world);
+            foundation.indentation(finger, &pad.inv_mul(&object))
+        })
     }
 
     /// Corrects the elastic foundation of a soft pad towards `model`: the wrench on pad `finger`,
