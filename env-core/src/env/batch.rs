@@ -203,8 +203,9 @@ impl Batch {
         rows.try_for_each(|(row, &value)| row.give(quantity, value, &setup))
     }
 
-    /// Ends the episodes of the rows in `mask` by a rule that is not the task's: they are reset as
-    /// those of rows that the task has ended.
+    /// Ends the episodes of the rows in `mask` by a rule that is not the task's. With
+    /// [`Autoreset::NextStep`] these rows start the next one on the next step; with the other modes
+    /// the caller resets them, and with [`Autoreset::SameStep`] they would otherwise go on.
     pub fn end(&mut self, mask: &[bool]) -> Result<()> {
         self.expect_length("mask", mask.len(), "one flag a row")?;
         self.rows.iter_mut().zip(mask).filter(|(_, over)| **over).for_each(|(row, _)| row.end());

@@ -52,11 +52,11 @@ pub(super) struct PendingStep {
     pub(super) answers: PerFinger<Result<Deformation>>,
     /// Kind of the error of a press of which only the last pose was solved, from rest.
     pub(super) restarted: Option<&'static str>,
-    /// What is still to come to rest.
+    /// Object that is still to come to rest.
     unsettled: Option<Unsettled>,
 }
 
-/// What has been gripped by pads that no solution has corrected yet.
+/// Object gripped by pads that no solution has corrected yet.
 enum Unsettled {
     /// The object of the episode.
     Start,
