@@ -148,7 +148,7 @@ impl Rules for GraspFragile {
     }
 
     fn ending(&self, step: &StepState, progress: &Progress) -> Option<Ending> {
-        (progress.gripped() && !step.any_touches()).then_some(Ending::Dropped)
+        progress.is_let_go(step).then_some(Ending::Dropped)
     }
 }
 
