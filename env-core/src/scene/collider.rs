@@ -213,8 +213,9 @@ fn triangles(surface: &Surface) -> Result<SharedShape> {
     let bad = |reason| Error::BadMesh { name: "object".into(), reason };
     let count = surface.triangles().len();
     if count > MOST_TRIANGLES {
-        let expected = "expected at most 20000 for a shape that is not convex";
-        return Err(bad(format!("{count} triangles, {expected}")));
+        return Err(bad(format!(
+            "{count} triangles, expected at most {MOST_TRIANGLES} for a shape that is not convex"
+        )));
     }
     let flags = TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES;
     SharedShape::trimesh_with_flags(hull::vertices(surface), surface.triangles().to_vec(), flags)

@@ -19,6 +19,7 @@ use crate::{
 #[cfg(test)]
 pub(crate) use fields::LAWS;
 pub use fields::template;
+pub(crate) use fields::{LARGEST_POISSON, MOST_FRICTION};
 
 const KNOWN: [(&str, &str); 2] = [
     ("gelsight-mini", include_str!("../../assets/sensors/gelsight-mini.toml")),
