@@ -1,6 +1,8 @@
 //! Contact of the fingers with object and distractors through an episode: presses that follow from
 //! the motion of the rigid bodies, and contact forces that follow from their solutions.
 
+use std::cell::OnceCell;
+
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -12,7 +14,7 @@ use crate::{
     deformation::{Deformation, History, Press},
     geometry::Shape,
     scene::{Scene, SceneState},
-    tactile::{Finger, PadDeformations, Squeezed, TactileModel},
+    tactile::{Finger, PadDeformations, RaisedFace, Squeezed, TactileModel},
     task::EpisodeParameters,
 };
 
@@ -45,6 +47,8 @@ pub(super) struct PadContact {
 pub(super) struct StepSolutions {
     /// Deformation of each pad that touches.
     pub(super) pads: PerFinger<Deformation>,
+    /// Faces of the pads near contact, for the channels.
+    raised: [OnceCell<RaisedFace>; 2],
     /// Deformation of a soft object that is squeezed.
     pub(super) squeezed: Option<Squeezed>,
 }
@@ -175,7 +179,8 @@ impl ContactState {
         };
         let fingers = solutions.pads.each_ref().map(Option::as_ref);
         let pressed = contact.fingers.each_ref().map(Finger::pressed);
-        Some(PadDeformations { skin: pad.skin(), fingers, bodies: &contact.bodies, pressed })
+        let (bodies, raised) = (&contact.bodies, &solutions.raised);
+        Some(PadDeformations { skin: pad.skin(), fingers, bodies, pressed, raised })
     }
 }
 

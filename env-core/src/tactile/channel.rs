@@ -5,9 +5,11 @@
 //! pad's thickness, and stress up to 25 times Young's modulus, about ten times the stress that
 //! tears a silicone gel; that of single tetrahedra up to a thousand times.
 
+use std::cell::OnceCell;
+
 use nalgebra::Vector3;
 
-use super::{config::Resolution, skin::Skin, traction};
+use super::{config::Resolution, imprint::RaisedFace, skin::Skin, traction};
 use crate::{
     deformation::{Deformation, Wanted},
     geometry::Shape,
@@ -256,10 +258,22 @@ impl Channel {
     ///
     /// For [`Channel::Image`] if [`Skin::has_image`] is false.
     pub fn read(self, skin: &Skin, answer: Option<&Deformation>, shapes: &[&Shape]) -> Vec<f64> {
+        self.read_with(skin, answer, shapes, &OnceCell::new())
+    }
+
+    /// Entries as [`Channel::read`] returns them. `raised` is of this answer, empty at first; other
+    /// channels of the same answer read it.
+    pub(crate) fn read_with(
+        self,
+        skin: &Skin,
+        answer: Option<&Deformation>,
+        shapes: &[&Shape],
+        raised: &OnceCell<RaisedFace>,
+    ) -> Vec<f64> {
         match (self, answer) {
             (Self::Image, _) => {
                 let camera = skin.camera.as_ref().expect("only sensors with colours have images");
-                camera.picture(&skin.face, answer, shapes)
+                camera.picture(&skin.face, answer, shapes, raised)
             }
             (Self::Depth, None) => skin.rest_depth.clone(),
             (_, None) => vec![0.0; self.size(skin)],
@@ -279,7 +293,7 @@ impl Channel {
             (Self::Slip, Some(answer)) => vec![answer.sliding],
             (Self::Depth, Some(answer)) => {
                 let objects: Vec<_> = shapes.iter().copied().zip(&answer.poses).collect();
-                skin.view.imprint(&skin.face, answer, &objects).heights
+                skin.view.imprint(&skin.face, answer, &objects, raised).heights
             }
             (Self::Trust, Some(answer)) => trust(skin, answer).into(),
         }

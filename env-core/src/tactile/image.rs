@@ -8,10 +8,12 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
+use std::cell::OnceCell;
+
 use super::{
     depth,
     face::Face,
-    imprint::{FaceView, Imprint},
+    imprint::{FaceView, Imprint, RaisedFace},
 };
 use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse, simd::vectorised};
 
@@ -57,17 +59,19 @@ impl TactileCamera {
         }
     }
 
-    /// Colours (P, 3) from 0 to 1 of the face deformed by objects of these `shapes`, or at rest.
+    /// Colours (P, 3) from 0 to 1 of the face deformed by objects of these `shapes`, or at rest; for
+    /// `raised` see [`FaceView::imprint`].
     pub(super) fn picture(
         &self,
         face: &Face,
         deformation: Option<&Deformation>,
         shapes: &[&Shape],
+        raised: &OnceCell<RaisedFace>,
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
         if let Some(deformation) = deformation {
             let objects: Vec<_> = shapes.iter().copied().zip(&deformation.poses).collect();
-            let Imprint { heights, rise } = self.view.imprint(face, deformation, &objects);
+            let Imprint { heights, rise } = self.view.imprint(face, deformation, &objects, raised);
             let raised = heights.iter().zip(&self.rest).zip(rise);
             let raised: Vec<_> = raised.map(|((z, rest), rise)| (z - rest - rise) as f32).collect();
             self.add_response(&self.smoothed(&raised), &mut colours);

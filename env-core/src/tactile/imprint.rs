@@ -10,7 +10,7 @@
 //!
 //! Shapes: V nodes of the mesh, P pixels, those across the fastest.
 
-use std::sync::OnceLock;
+use std::{cell::OnceCell, sync::OnceLock};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -57,6 +57,15 @@ struct SmoothView {
     rise: Vec<f64>,
 }
 
+/// Nodes of a pressed face, the same for any pixels.
+#[derive(Debug)]
+pub(crate) struct RaisedFace {
+    /// Displacements (V) in m, of nodes near contact raised by their pressure.
+    motion: Vec<Vector3<f64>>,
+    /// Shares of the smooth surface (V).
+    shares: Vec<f64>,
+}
+
 /// Height map of a pressed face.
 pub(super) struct Imprint {
     /// Heights (P) in m.
@@ -87,12 +96,13 @@ impl FaceView {
     }
 
     /// Height map of `face` deformed by `objects` at their poses; by the mesh alone if there are
-    /// none.
+    /// none. What other views of the same face need is kept in `raised`.
     pub(super) fn imprint(
         &self,
         face: &Face,
         deformation: &Deformation,
         objects: &[(&Shape, &Isometry3<f64>)],
+        raised: &OnceCell<RaisedFace>,
     ) -> Imprint {
         let displacement = &deformation.displacement[..];
         if objects.is_empty() {
@@ -101,12 +111,14 @@ impl FaceView {
         }
         let SmoothView { face: fine, rise } =
             self.smooth.get_or_init(|| SmoothView::new(face, &self.grid));
-        let near = near(face, deformation);
-        let motion = self.raised(face, fine, (deformation, objects), &near);
-        let shares = near.iter().zip(&fine.is_border).map(|(near, border)| *near && !border);
-        let shares: Vec<_> = shares.map(|is_smooth| f64::from(u8::from(is_smooth))).collect();
-        let Covered { mut heights, shares } =
-            Covered::new(face, fine, &self.grid, &motion, &shares);
+        let RaisedFace { motion, shares } = raised.get_or_init(|| {
+            let near = near(face, deformation);
+            let motion = self.raised(face, fine, (deformation, objects), &near);
+            let shares = near.iter().zip(&fine.is_border).map(|(near, border)| *near && !border);
+            let shares = shares.map(|is_smooth| f64::from(u8::from(is_smooth))).collect();
+            RaisedFace { motion, shares }
+        });
+        let Covered { mut heights, shares } = Covered::new(face, fine, &self.grid, motion, shares);
         let free = heights.clone();
         for (shape, pose) in objects {
             lower(&mut heights, &self.grid, shape, pose);

@@ -28,6 +28,7 @@ pub use channel::{Channel, Spec};
 pub(crate) use config::NODES;
 pub use config::{Choice, GelMaterial, Resolution, TactileConfig};
 pub use finger::Finger;
+pub(crate) use imprint::RaisedFace;
 pub use model::{Model, TactileModel, TactilePad};
 pub use object::{MARKERS, SoftObject, Squeezed};
 pub use shell::Shell;
