@@ -90,7 +90,6 @@ fn others(config: &TaskConfig) -> Vec<Value> {
             json!({"name": name, "default": default(name), "range": range, "unit": "", "doc": doc}),
         )
     });
-    let entry = |name: &str, value, bounds: [f64; 2], unit: &str, doc: &str| json!({"name": name, "default": value, "bounds": bounds, "unit": unit, "doc": doc});
     let TaskConfig { resolution, scene, .. } = config;
     let nodes = [*NODES.start() as f64, *NODES.end() as f64];
     let about = "greatest number of nodes of a pad's mesh";
@@ -112,6 +111,11 @@ fn others(config: &TaskConfig) -> Vec<Value> {
         entry(&format!("workspace.{name}"), json!(corner), PLACE, "m", &doc)
     }));
     all
+}
+
+/// Setting that is a number, or numbers with the same bounds.
+fn entry(name: &str, value: Value, bounds: [f64; 2], unit: &str, doc: &str) -> Value {
+    json!({"name": name, "default": value, "bounds": bounds, "unit": unit, "doc": doc})
 }
 
 #[cfg(test)]
