@@ -103,7 +103,7 @@ impl Row {
         }
     }
 
-    /// Returns whether the row has never been reset.
+    /// Returns whether the row has no episode: it was never reset, or its last reset failed.
     pub fn is_new(&self) -> bool {
         self.episode.is_none()
     }
