@@ -491,7 +491,7 @@ mod tests {
             let objects: Vec<ObjectSpec> = vec![serde_json::from_value(object).unwrap()];
             let (tactile, task) = (Choice::None, Task::named("HoldStill").unwrap());
             let (mass, friction) = ([0.5; 2], [0.01; 2]);
-            Setup::new(TaskConfig { tactile, objects, mass, friction, ..TaskConfig::of(&task) })
+            Setup::new(TaskConfig { objects, mass, friction, tactile, ..TaskConfig::of(&task) })
         };
         assert!(setup("cuboid".into()).is_ok());
         let path = path.display().to_string();
