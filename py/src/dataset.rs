@@ -98,10 +98,10 @@ pub(crate) fn generate_dataset(
 /// Fields of one press of the first gel of a configuration, solved as the presses of a dataset are;
 /// the configuration is as in `generate_dataset`.
 ///
-/// `path` holds poses: the first where the indenter touches, then those of the frames, up to four of
-/// them straight below. Returns for each frame displacement (V, 3) in m and von Mises stress (T,) in
-/// Pa on the mesh of `model_nodes`, and the wrench on the pad (6,) in N and N m. It ends early with a
-/// `PressError` at the first frame that is not solved.
+/// `path` holds poses: the first where the indenter touches, then those of the frames, up to four
+/// of them straight below. Returns for each frame displacement (V, 3) in m and von Mises stress
+/// (T,) in Pa on the mesh of `model_nodes`, and the wrench on the pad (6,) in N and N m. It ends
+/// early with a `PressError` at the first frame that is not solved.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 pub(crate) fn solve_press<'py>(

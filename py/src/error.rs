@@ -37,8 +37,8 @@ pub(crate) fn python_error(error: Error) -> PyErr {
     }
 }
 
-/// Creates the `PressError` that takes the place of an unsolved press in the list of solutions, with
-/// a `hint` after its text.
+/// Creates the `PressError` that takes the place of an unsolved press in the list of solutions,
+/// with a `hint` after its text.
 pub(crate) fn press_error<'py>(
     py: Python<'py>,
     error: &Error,

@@ -308,8 +308,7 @@ impl Batch {
             force.iter().chain(torque.iter()).copied().collect::<Vec<f64>>()
         });
         dict.set_item("pad_wrenches", wrenches.collect::<Vec<_>>())?;
-        let indentations = state.fingers.iter().map(|f| f.indentation);
-        dict.set_item("indentations", indentations.collect::<Vec<_>>())?;
+        dict.set_item("indentations", found.indentations().unwrap_or_default().to_vec())?;
         Ok(Some(dict))
     }
 }

@@ -11,8 +11,8 @@ use ruffini_core::{
     fem::{Fem, FemOptions},
     geometry::{PadOutline, Shape, Surface},
     scene::{
-        CATALOGUE, Command, Failure, ObjectModel, Pads, Scene, SceneConfig, SceneObject,
-        SceneState, SoftPads,
+        CATALOGUE, Command, Failure, FingerState, ObjectModel, Pads, Scene, SceneConfig,
+        SceneObject, SceneState, SoftPads,
     },
     sensor::{ElasticFoundation, Sensor},
     tactile::Choice,
@@ -122,14 +122,14 @@ fn the_ball_sinks_in_as_deep_as_the_law_says() {
         let pads = SoftPads { young, ..pads };
         let config = SceneConfig::default().with_pads(pads);
         let scene = gripped(&config, &ball(), 0.1, grip);
-        for finger in scene.state().fingers {
+        for (finger, indentation) in scene.state().fingers.iter().zip(scene.indentations()) {
             let depth = 0.015 - finger.object.translation.z;
             let force = law(&pads, 0.015, depth).0;
             // The force is proportional to the square of the depth: 10 % of force are 5 % of depth.
             let error = (force / grip).sqrt() - 1.0;
             let depth_mm = depth / MM;
             assert!(error.abs() < 0.05, "{young} Pa, {grip} N: {depth_mm} mm, off by {error:.3}");
-            let shown = finger.indentation / depth - 1.0;
+            let shown = indentation / depth - 1.0;
             assert!(shown.abs() < 0.1, "indentation off by {shown:.3}");
         }
     }
@@ -245,15 +245,16 @@ fn without_a_touch_the_wrench_is_zero() {
     let check = |scene: &Scene| {
         for finger in scene.state().fingers {
             assert_eq!(finger.wrench, Wrench::default());
-            assert_eq!(finger.indentation, 0.0);
             assert!(!finger.touches());
         }
+        assert_eq!(scene.indentations(), [0.0; 2]);
     };
     check(&scene);
     hold(&mut scene, -1.0, 0.2);
     check(&scene);
     hold(&mut scene, 5.0, 1.0);
-    assert!(scene.state().fingers.iter().all(|f| f.touches() && f.indentation > 0.0));
+    assert!(scene.state().fingers.iter().all(FingerState::touches));
+    assert!(scene.indentations().iter().all(|depth| *depth > 0.0));
     hold(&mut scene, -5.0, 0.4);
     check(&scene);
 }
@@ -384,7 +385,7 @@ fn the_pose_in_the_pads_frame_is_that_of_its_mesh() {
     let model = ObjectModel::new(Shape::Cuboid { half_extents: [0.012, 0.015, 0.02].into() });
     let scene = gripped(&soft(), &model.unwrap(), 0.1, 5.0);
     let mesh = Sensor::named("gelsight-mini").unwrap().pad(1000).unwrap();
-    for finger in scene.state().fingers {
+    for (finger, indentation) in scene.state().fingers.iter().zip(scene.indentations()) {
         let depth = |&node: &u32| {
             let place: Point3<f64> = mesh.mesh.vertices[node as usize];
             let half_extents = Vector3::new(0.012, 0.015, 0.02);
@@ -393,8 +394,8 @@ fn the_pose_in_the_pads_frame_is_that_of_its_mesh() {
                 .value
         };
         let deepest = mesh.face.iter().map(depth).fold(f64::NEG_INFINITY, f64::max);
-        let error = (finger.indentation - deepest).abs();
-        assert!(error < 0.1 * deepest, "{} m, mesh {deepest} m", finger.indentation);
+        let error = (indentation - deepest).abs();
+        assert!(error < 0.1 * deepest, "{indentation} m, mesh {deepest} m");
         // The wrist's z is the pad's y.
         let turned = finger.object.rotation * Vector3::z();
         assert!(UnitQuaternion::rotation_between(&turned, &Vector3::y()).unwrap().angle() < 1e-3);

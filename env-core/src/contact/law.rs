@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{Bend, SurfacePoint, Touch};
-use crate::{Error, Result};
+use crate::{Error, Result, sensor::MOST_FRICTION};
 
 /// Regularised contact with Coulomb friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,8 +38,9 @@ impl ContactLaw {
         if !(softness.is_finite() && softness > 0.0) {
             return Err(Error::invalid("softness", softness, "a finite depth above 0 m"));
         }
-        if !(0.0..=100.0).contains(&friction) {
-            return Err(Error::invalid("friction", friction, "a coefficient from 0 to 100"));
+        if !(0.0..=MOST_FRICTION).contains(&friction) {
+            let expected = format!("a coefficient from 0 to {MOST_FRICTION}");
+            return Err(Error::invalid("friction", friction, expected));
         }
         Ok(Self { softness, friction })
     }

@@ -54,8 +54,8 @@ pub struct DatasetConfig {
     /// where there are not enough nodes.
     #[serde(skip_serializing_if = "is_rough")]
     pub truth_across: f64,
-    /// Number of equal load steps, by finite elements and by linear elasticity, from one frame of an
-    /// indenter to the next.
+    /// Number of equal load steps, by finite elements and by linear elasticity, from one frame of
+    /// an indenter to the next.
     #[serde(skip_serializing_if = "is_one")]
     pub truth_steps: usize,
     /// Number of nodes of the mesh of linear elasticity with finely resolved contact, to which

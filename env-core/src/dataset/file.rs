@@ -1,6 +1,6 @@
 //! Files of bytes: read whole, written completely or not at all, and known by their hash.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, fs, io::ErrorKind, path::Path};
 
 use sha2::{Digest, Sha256};
 
@@ -9,6 +9,15 @@ use crate::{Error, Result};
 /// Reads the bytes of a file.
 pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
     fs::read(path).map_err(|error| Error::file(path, error))
+}
+
+/// Reads a text; `None` if there is no such file.
+pub(super) fn text(path: &Path) -> Result<Option<String>> {
+    match fs::read_to_string(path) {
+        Ok(text) => Ok(Some(text)),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(Error::file(path, error)),
+    }
 }
 
 /// Writes a file completely or not at all, even if the process is killed.

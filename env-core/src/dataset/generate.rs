@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use super::{
     config::{DatasetConfig, Scenario},
-    file::{read, sha256, write_whole},
+    file::{self, read, sha256, write_whole},
     job::{GraspJob, Job, is_whole, jobs},
     manifest::{FORMAT, Manifest, Shard, Solved, Unsolved, splits},
     mesh_object::MeshObject,
@@ -80,8 +80,9 @@ pub struct Estimate {
 }
 
 /// Processor time of a frame of one soft body of 2,000 nodes (s), the power of the number of nodes
-/// with which it grows (both from `tests/reports/dataset.md`), and the factor of the number of nodes
-/// with which quadratic elements cost as much as linear ones (400 presses of 850 nodes take 5,400 s).
+/// with which it grows (both from `tests/reports/dataset.md`), and the factor of the number of
+/// nodes with which quadratic elements cost as much as linear ones (400 presses of 850 nodes take
+/// 5,400 s).
 const FRAME: f64 = 1.25;
 const NODES: f64 = 2000.0;
 const POWER: f64 = 1.4;
@@ -199,12 +200,12 @@ fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
     let text = serde_json::to_string_pretty(&claim).expect("plain data");
     let keep = || config.meshes.iter().try_for_each(|mesh| mesh.keep(folder));
     let refused = |reason: String| Err(Error::file(&path, reason));
-    match fs::read_to_string(&path) {
-        Ok(found) if found == text => keep(),
-        Ok(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(
+    match file::text(&path)? {
+        Some(found) if found == text => keep(),
+        Some(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(
             "a dataset of another format lies here, expected format {FORMAT} or no folder"
         )),
-        Ok(found) => refused(match changed(config, &found) {
+        Some(found) => refused(match changed(config, &found) {
             Some(mesh) => {
                 format!("a dataset with another {mesh} lies here, expected that mesh or no folder")
             }
@@ -212,7 +213,7 @@ fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
                 "another dataset lies here, expected this configuration or no folder".to_owned()
             }
         }),
-        Err(_) => keep().and_then(|()| write_whole(&path, text.as_bytes())),
+        None => keep().and_then(|()| write_whole(&path, text.as_bytes())),
     }
 }
 
@@ -332,4 +333,24 @@ fn summary(
         shards,
         unsolved,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configuration_that_cannot_be_read_is_not_overwritten() {
+        let folder = std::env::temp_dir().join(format!("ruffini-claim-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let (path, config) = (folder.join("config.json"), DatasetConfig::default());
+        // Not UTF-8.
+        fs::write(&path, [0xff]).unwrap();
+        assert!(matches!(claim(&config, &folder), Err(Error::File { .. })));
+        assert_eq!(fs::read(&path).unwrap(), [0xff]);
+        fs::remove_file(&path).unwrap();
+        claim(&config, &folder).unwrap();
+        claim(&config, &folder).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -126,8 +126,8 @@ fn finer(outline: &PadOutline, place: &Point3<f64>) -> Vec<Point3<f64>> {
     all.filter(within).map(|(x, y)| Point3::new(x, y, outline.height(x, y))).collect()
 }
 
-/// Width (m) of what the indenter covers at the deepest and the last of its poses, and places on the
-/// face there and beside it.
+/// Width (m) of what the indenter covers at the deepest and the last of its poses, and places on
+/// the face there and beside it.
 pub(super) fn covered(
     shape: &Shape,
     path: &[Isometry3<f64>],

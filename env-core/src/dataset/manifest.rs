@@ -91,8 +91,8 @@ const FARTHEST: [objects::Family; 2] = [objects::Family::HollowLemon, objects::F
 /// last is for the test and the one before it for validation; of fewer likewise. `novel-14` and
 /// `novel-12` test on objects of families that do not occur in training.
 ///
-/// Of drawn indenters, every tenth is for the test of the split `presses`, and the one before it for
-/// validation. Of meshes of one's own, presses are divided as grasps are.
+/// Of drawn indenters, every tenth is for the test of the split `presses`, and the one before it
+/// for validation. Of meshes of one's own, presses are divided as grasps are.
 ///
 /// With such meshes, `meshes` trains on the other objects and tests on all grasps of the meshes.
 pub(super) fn splits(
@@ -145,8 +145,8 @@ fn of_presses(presses: &[(Object, Vec<String>)], planned: impl Fn(&Object) -> us
 }
 
 impl Split {
-    /// Adds the grasps of an object: of ten, or of all that are `planned` if they are fewer, the last
-    /// to the test part and the one before it to validation.
+    /// Adds the grasps of an object: of ten, or of all that are `planned` if they are fewer, the
+    /// last to the test part and the one before it to validation.
     fn divide(&mut self, names: &[String], planned: usize) {
         let last = planned.min(10);
         for name in names {

@@ -43,8 +43,8 @@ fn metre() -> f64 {
     1.0
 }
 
-/// Returns the `meshes` with their hashes. Returns an error if a file is missing or not the one that
-/// a hash names, or if a name occurs twice or is that of a family.
+/// Returns the `meshes` with their hashes. Returns an error if a file is missing or not the one
+/// that a hash names, or if a name occurs twice or is that of a family.
 pub(super) fn identified(meshes: Vec<MeshObject>) -> Result<Vec<MeshObject>> {
     let mut names: Vec<String> = Vec::new();
     for mesh in &meshes {

@@ -31,8 +31,8 @@ const STEPS: usize = 25;
 const PATIENCE: usize = 40;
 /// Greatest force, in units of E t² with the thickness t: 80 N on a GelSight Mini.
 const STRONGEST: f64 = 17.0;
-/// Points along each side of a touching cell over which its force is spread: closer than the nodes of
-/// the finest mesh.
+/// Points along each side of a touching cell over which its force is spread: closer than the nodes
+/// of the finest mesh.
 const POINTS: u32 = 3;
 
 /// Pad of a gel that indenters are pressed into.
@@ -45,8 +45,8 @@ pub(super) struct PressedPad {
 }
 
 impl PressedPad {
-    /// Builds the pad of a gel with fields on at most `nodes` nodes, and with finely resolved contact
-    /// if `fine`.
+    /// Builds the pad of a gel with fields on at most `nodes` nodes, and with finely resolved
+    /// contact if `fine`.
     pub(super) fn new(gel: &GelConfig, nodes: usize, fine: bool) -> Result<Self> {
         let sensor = Sensor::named(&gel.sensor)?;
         let model = sensor.pad(nodes)?;
@@ -134,8 +134,8 @@ impl PressedPad {
     }
 }
 
-/// Solves one press of the first gel of `config`, with its friction, as the presses of a dataset are
-/// solved.
+/// Solves one press of the first gel of `config`, with its friction, as the presses of a dataset
+/// are solved.
 ///
 /// The indenter touches first at `start` and moves through the poses of `path`, the first four of
 /// which are straight below. Returns the fields of each frame on the pad's mesh of
@@ -192,7 +192,8 @@ struct PressRun<'a> {
     /// Poses of the frames.
     path: Vec<Isometry3<f64>>,
     friction: f64,
-    /// Least spacing of the nodes of its truth mesh (m), and places that the mesh is graded towards.
+    /// Least spacing of the nodes of its truth mesh (m), and places that the mesh is graded
+    /// towards.
     finest: f64,
     points: Vec<Point3<f64>>,
 }
@@ -208,8 +209,8 @@ impl PressRun<'_> {
     }
 
     /// Solves the press by linear elasticity with finely resolved `contact`, and adds what the
-    /// nonlinear law changes on the truth mesh. Most of the error of a mesh is that of its contact and
-    /// is the same by both laws, so that their difference needs fewer nodes than a solution.
+    /// nonlinear law changes on the truth mesh. Most of the error of a mesh is that of its contact
+    /// and is the same by both laws, so that their difference needs fewer nodes than a solution.
     fn corrected(&self, contact: &LayeredPad) -> Result<SolvedPress> {
         let Self { config, pad, .. } = self;
         let (settled, unsettled) =

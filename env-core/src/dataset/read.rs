@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 use super::{
     config::{DatasetConfig, Scenario},
-    file::{read, sha256},
+    file::{read, sha256, text},
     manifest::{Shard, Split, splits},
     record::Entry,
     tensor::entries,
@@ -188,9 +188,8 @@ impl Finished {
 
 /// Reads a manifest; `None` if there is none.
 fn finished(manifest: &Path) -> Result<Option<Finished>> {
-    let Ok(text) = fs::read_to_string(manifest) else { return Ok(None) };
-    let said = serde_json::from_str(&text).map_err(|error| Error::file(manifest, error))?;
-    Ok(Some(said))
+    let said = text(manifest)?.map(|text| serde_json::from_str(&text));
+    said.transpose().map_err(|error| Error::file(manifest, error))
 }
 
 /// Returns an error unless a shard's `bytes` are those that the manifest lists.
@@ -265,4 +264,21 @@ fn pad(file: &SafeTensors, entry: &Entry, side: usize) -> Found<PadFrames> {
 pub(super) fn pose(&[x, y, z, i, j, k, w]: &[f64; 7]) -> Isometry3<f64> {
     let turn = UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
     Isometry3::from_parts(Translation3::new(x, y, z), turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_manifest_that_cannot_be_read_is_not_an_absent_one() {
+        let folder = std::env::temp_dir().join(format!("ruffini-manifest-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let manifest = folder.join("manifest.json");
+        assert!(matches!(finished(&manifest), Ok(None)));
+        // Not UTF-8.
+        fs::write(&manifest, [0xff]).unwrap();
+        assert!(matches!(finished(&manifest), Err(Error::File { .. })));
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

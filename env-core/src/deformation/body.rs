@@ -4,7 +4,7 @@ use std::{fmt, str::FromStr, sync::Arc};
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{Error, Result, geometry::TetMesh};
+use crate::{Error, Result, geometry::TetMesh, sensor::LARGEST_POISSON};
 
 /// Stress–strain law of an isotropic solid, given by its energy density ψ; J is the determinant of
 /// the deformation gradient F and I₁ the trace of `FᵀF`.
@@ -82,10 +82,6 @@ impl Moduli {
         Ok(())
     }
 }
-
-/// Largest Poisson's ratio: above it λ/μ exceeds 10⁶ and double precision no longer resolves the
-/// shear stress.
-const LARGEST_POISSON: f64 = 0.499_999_5;
 
 /// Meshed elastic solid in its own frame, with the nodes of its base held fixed.
 #[derive(Clone, Debug)]

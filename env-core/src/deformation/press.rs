@@ -6,10 +6,7 @@ use nalgebra::{Isometry3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::History;
-use crate::{Error, Result, geometry::Shape};
-
-/// Largest coefficient of friction.
-const MOST_FRICTION: f64 = 100.0;
+use crate::{Error, Result, geometry::Shape, sensor::MOST_FRICTION};
 
 /// Rigid shapes pressed into one soft body.
 #[derive(Clone, Debug)]

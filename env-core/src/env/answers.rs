@@ -23,9 +23,9 @@ pub(super) struct Answer {
     pub(super) restarted: Option<&'static str>,
 }
 
-/// Solves `presses` by `model`, each at contact with the object of that index in `objects`, with the
-/// optional parts `wanted`, on the threads of `pool` or of the caller. A panic in one press becomes
-/// the error of that press.
+/// Solves `presses` by `model`, each at contact with the object of that index in `objects`, with
+/// the optional parts `wanted`, on the threads of `pool` or of the caller. A panic in one press
+/// becomes the error of that press.
 pub(super) fn answers(
     model: &mut TactileModel,
     objects: &[usize],
@@ -77,8 +77,8 @@ fn restarted(
     answers
 }
 
-/// Marks the history of an answer to `press` if its displacement turns a tetrahedron of `mesh` inside
-/// out. If that of the answer before did so, too, it is an error.
+/// Marks the history of an answer to `press` if its displacement turns a tetrahedron of `mesh`
+/// inside out. If that of the answer before did so, too, it is an error.
 ///
 /// With linear elasticity a shape can carry the skin over its edge and hold it there with its side,
 /// step after step; contact solved from rest is then nearer to the truth.

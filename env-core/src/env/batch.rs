@@ -193,8 +193,9 @@ impl Batch {
         Ok(StepResult { observation: self.observation.clone(), ..result })
     }
 
-    /// Sets a quantity of the start of all further episodes of each row, `values` (N); where a value
-    /// is not a number, the quantity is drawn. Returns an error if one is out of its setting's range.
+    /// Sets a quantity of the start of all further episodes of each row, `values` (N); where a
+    /// value is not a number, the quantity is drawn. Returns an error if one is out of its
+    /// setting's range.
     pub fn give(&mut self, quantity: StartQuantity, values: &[f64]) -> Result<()> {
         self.expect_length("start", values.len(), "one value a row")?;
         let setup = self.setup.clone();
@@ -202,8 +203,9 @@ impl Batch {
         rows.try_for_each(|(row, &value)| row.give(quantity, value, &setup))
     }
 
-    /// Ends the episodes of the rows in `mask` by a rule that is not the task's: they are reset as
-    /// those of rows that the task has ended.
+    /// Ends the episodes of the rows in `mask` by a rule that is not the task's. With
+    /// [`Autoreset::NextStep`] these rows start the next one on the next step; with the other modes
+    /// the caller resets them, and with [`Autoreset::SameStep`] they would otherwise go on.
     pub fn end(&mut self, mask: &[bool]) -> Result<()> {
         self.expect_length("mask", mask.len(), "one flag a row")?;
         self.rows.iter_mut().zip(mask).filter(|(_, over)| **over).for_each(|(row, _)| row.end());
@@ -333,8 +335,8 @@ impl Batch {
         Ok([object].into_iter().chain(distractors).chain(fixture).collect())
     }
 
-    /// Solves the current contact of a row with these `parameters` again, for a picture; `None` where
-    /// nothing touches or the solution fails. The state of the row does not change.
+    /// Solves the current contact of a row with these `parameters` again, for a picture; `None`
+    /// where nothing touches or the solution fails. The state of the row does not change.
     fn current_deformation(
         &mut self,
         row: usize,
@@ -354,15 +356,15 @@ impl Batch {
         Ok(deformation.map(|answer| answer?.ok()))
     }
 
-    /// Saves each row as bytes.
+    /// Saves each row as bytes, without the quantities given by [`Batch::give`].
     pub fn save(&self) -> Vec<Vec<u8>> {
         let size = self.setup.layout().size();
         let rows = self.rows.iter().zip(self.observation.chunks(size));
         rows.map(|(row, observation)| snapshot::save(row, observation, &self.setup)).collect()
     }
 
-    /// Restores each row from the result of [`Batch::save`] and returns all observations (N, D). On
-    /// an error nothing changes.
+    /// Restores each row from the result of [`Batch::save`] and returns all observations (N, D).
+    /// The start of further episodes is drawn. On an error nothing changes.
     pub fn load(&mut self, states: &[impl AsRef<[u8]>]) -> Result<Vec<f32>> {
         self.expect_length("state", states.len(), "one snapshot a row")?;
         let (mut rows, mut observation) = (Vec::new(), Vec::new());

@@ -1,5 +1,7 @@
-//! Contact of the fingers with object and distractors through an episode: presses that follow from the motion
-//! of the rigid bodies, and contact forces that follow from their solutions.
+//! Contact of the fingers with object and distractors through an episode: presses that follow from
+//! the motion of the rigid bodies, and contact forces that follow from their solutions.
+
+use std::cell::OnceCell;
 
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +14,7 @@ use crate::{
     deformation::{Deformation, History, Press},
     geometry::Shape,
     scene::{Scene, SceneState},
-    tactile::{Finger, PadDeformations, Squeezed, TactileModel},
+    tactile::{Finger, PadDeformations, RaisedFace, Squeezed, TactileModel},
     task::EpisodeParameters,
 };
 
@@ -45,6 +47,8 @@ pub(super) struct PadContact {
 pub(super) struct StepSolutions {
     /// Deformation of each pad that touches.
     pub(super) pads: PerFinger<Deformation>,
+    /// Faces of the pads near contact, for the channels.
+    raised: [OnceCell<RaisedFace>; 2],
     /// Deformation of a soft object that is squeezed.
     pub(super) squeezed: Option<Squeezed>,
 }
@@ -73,12 +77,12 @@ impl ContactState {
         }
     }
 
-    /// Creates the presses in `state`, after object and distractors have moved along `path`, poses in
-    /// the frame of each pad. The solutions go to [`ContactState::keep`].
+    /// Creates the presses in `scene`, after object and distractors have moved along `path`, poses
+    /// in the frame of each pad. The solutions go to [`ContactState::keep`].
     pub(super) fn press(
         &mut self,
         setup: &Setup,
-        state: &SceneState,
+        scene: &Scene,
         path: &[PosesInPads],
         parameters: &EpisodeParameters,
     ) -> Result<PerFinger<Press>> {
@@ -98,9 +102,9 @@ impl ContactState {
             }
             (Self::Object(history), model) => {
                 let history = history.take();
-                let touches = state.fingers.iter().all(|finger| finger.indentation > 0.0);
+                let touches = scene.indentations().iter().all(|depth| *depth > 0.0);
                 if let Some(object) = model.object(parameters.object).filter(|_| touches) {
-                    let faces = state.fingers.each_ref().map(|finger| finger.object.inverse());
+                    let faces = scene.bodies_in_pads().map(|bodies| bodies[0].inverse());
                     presses[0] = Some(object.press(&faces, friction, history)?);
                 }
             }
@@ -140,9 +144,9 @@ impl ContactState {
         Ok(solutions)
     }
 
-    /// Corrects the elastic foundation of `scene`, whose state is `state`, towards the forces of the
-    /// solutions. The model of a soft object is in equilibrium and without weight, so it gives the
-    /// normal forces of the fingers but not the friction that carries the weight.
+    /// Corrects the elastic foundation of `scene`, whose state is `state`, towards the forces of
+    /// the solutions. The model of a soft object is in equilibrium and without weight, so it gives
+    /// the normal forces of the fingers but not the friction that carries the weight.
     pub(super) fn correct(&self, scene: &mut Scene, state: &SceneState, solutions: &StepSolutions) {
         for finger in 0..2 {
             match self {
@@ -175,7 +179,8 @@ impl ContactState {
         };
         let fingers = solutions.pads.each_ref().map(Option::as_ref);
         let pressed = contact.fingers.each_ref().map(Finger::pressed);
-        Some(PadDeformations { skin: pad.skin(), fingers, bodies: &contact.bodies, pressed })
+        let (bodies, raised) = (&contact.bodies, &solutions.raised);
+        Some(PadDeformations { skin: pad.skin(), fingers, bodies, pressed, raised })
     }
 }
 
@@ -190,13 +195,13 @@ pub(super) fn stiffened(
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Isometry3;
+    use nalgebra::{Isometry3, Vector3};
 
     use super::*;
     use crate::{
         deformation::Wanted,
         env::Row,
-        scene::Gripper,
+        scene::{Gripper, SceneObject},
         tactile::{Choice, Resolution},
         task::{ObjectSpec, TaskConfig},
     };
@@ -214,7 +219,12 @@ mod tests {
         };
         let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
         row.reset(&setup).unwrap();
-        let (state, parameters) = row.state().unwrap();
+        let (_, parameters) = row.state().unwrap();
+        let pose = Isometry3::translation(0.0, 0.0, parameters.rest_height);
+        let EpisodeParameters { scale, mass, friction, .. } = parameters;
+        let object = SceneObject { model: &setup.models[0], scale, mass, friction, pose };
+        let place = Vector3::new(0.0, 0.0, 0.1);
+        let scene = Scene::new(&setup.config.scene, &object, &place, 0.0).unwrap();
         let end = 0.5 * Gripper::default().pad_length;
         let under = |overlap: f64| {
             let y = -end - parameters.half_extents[1] + overlap;
@@ -222,7 +232,7 @@ mod tests {
         };
         let path = [under(-5e-3), under(3e-4)].map(|poses| [poses.clone(), poses]);
         let mut contact = ContactState::new(setup.tactile(), path[0].clone());
-        let presses = contact.press(&setup, &state, &path[1..], &parameters).unwrap();
+        let presses = contact.press(&setup, &scene, &path[1..], &parameters).unwrap();
         let press = presses[0].clone().expect("the object is in reach");
         let solution =
             setup.tactile().clone().solve_partially(&[0], &[press], Wanted::default()).remove(0);

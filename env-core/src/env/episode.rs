@@ -12,6 +12,7 @@ use super::{
     contact::{ContactState, PerFinger, StepSolutions, stiffened},
     distractors::beside,
     given::{GivenStart, StartQuantity},
+    guarded,
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::{InitialState, settle},
     trajectory::{PosesInPads, Trajectory},
@@ -22,8 +23,8 @@ use crate::{
     deformation::{Deformation, Press},
     scene::{MOST_DISTRACTORS, Scene, SceneObject, SceneState},
     task::{
-        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, ObjectSpec, Progress, Range,
-        RewardTerms, Start, StepState, TrialGrip, command,
+        ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms, Start,
+        StepState, TrialGrip, command,
     },
 };
 
@@ -51,11 +52,11 @@ pub(super) struct PendingStep {
     pub(super) answers: PerFinger<Result<Deformation>>,
     /// Kind of the error of a press of which only the last pose was solved, from rest.
     pub(super) restarted: Option<&'static str>,
-    /// What is still to come to rest.
+    /// Object that is still to come to rest.
     unsettled: Option<Unsettled>,
 }
 
-/// What has been gripped by pads that no solution has corrected yet.
+/// Object gripped by pads that no solution has corrected yet.
 enum Unsettled {
     /// The object of the episode.
     Start,
@@ -102,9 +103,9 @@ impl PendingStep {
 }
 
 impl Episode {
-    /// Creates an episode with parameters that are `given` or else drawn from `random`, and its first
-    /// motion. Parameters with which the hand does not hold the object, where it has to, are drawn
-    /// again; if it never does, that is an error.
+    /// Creates an episode with parameters that are `given` or else drawn from `random`, and its
+    /// first motion. Parameters with which the hand does not hold the object, where it has to, are
+    /// drawn again; if it never does, that is an error.
     pub(super) fn start(
         setup: &Setup,
         random: &mut ChaCha8Rng,
@@ -119,9 +120,7 @@ impl Episode {
             }
         }
         let (object, grip) = failed.unwrap_or_default();
-        let spec = &setup.config.objects[object];
-        let found = format!("{spec}, which the hand does not hold in any of {DRAWS} draws");
-        Err(Error::invalid("objects", found, format!("one that it can grip with {grip:.3} N")))
+        Err(never_held(setup, object, grip))
     }
 
     /// Creates an episode with these parameters, the object at `pose` and the hand at `place` (m),
@@ -207,8 +206,8 @@ impl Episode {
         }
     }
 
-    /// Attaches the objects to a deserialised episode. Returns an error if the settings have no such
-    /// object.
+    /// Attaches the objects to a deserialised episode. Returns an error if the settings have no
+    /// such object.
     pub(super) fn attach(&mut self, setup: &Setup) -> Result<()> {
         let count = setup.models.len();
         let model = |(index, _)| {
@@ -223,6 +222,11 @@ impl Episode {
     /// State of the rigid bodies and the parameters of the episode.
     pub(super) fn state(&self) -> (SceneState, EpisodeParameters) {
         (self.scene.state(), self.parameters)
+    }
+
+    /// See [`Scene::indentations`].
+    pub(super) fn indentations(&self) -> [f64; 2] {
+        self.scene.indentations()
     }
 
     /// Index of the object.
@@ -271,7 +275,7 @@ impl Episode {
         if motion.state.failure.is_some() {
             return motion;
         }
-        match self.contact.press(setup, &motion.state, path, &self.parameters) {
+        match self.contact.press(setup, &self.scene, path, &self.parameters) {
             Ok(presses) => motion.presses = presses,
             Err(error) => motion.answers[0] = Some(Err(error)),
         }
@@ -281,12 +285,11 @@ impl Episode {
     /// Returns presses that reproduce the current contact. The state of the fingers does not
     /// change.
     pub(super) fn touch_again(&self, setup: &Setup) -> Result<PerFinger<Press>> {
-        let state = self.scene.state();
-        if state.failure.is_some() {
+        if self.scene.state().failure.is_some() {
             return Ok([None, None]);
         }
         let path = [self.scene.bodies_in_pads()];
-        self.contact.clone().press(setup, &state, &path, &self.parameters)
+        self.contact.clone().press(setup, &self.scene, &path, &self.parameters)
     }
 
     /// Moves the rigid bodies through one control period.
@@ -378,14 +381,22 @@ impl Episode {
     }
 }
 
+/// Error about an object that the hand, with `grip` (N), has not held in [`DRAWS`] draws.
+pub(super) fn never_held(setup: &Setup, object: usize, grip: f64) -> Error {
+    let spec = &setup.config.objects[object];
+    let found = format!("{spec}, which the hand does not hold in any of {DRAWS} draws");
+    Error::invalid("objects", found, format!("one that it can grip with {grip:.3} N"))
+}
+
 /// Returns an error if no episode can start with an object of one's own. Those of the catalogue are
 /// known to be held.
 pub(super) fn check_starts(setup: &Setup) -> Result<()> {
     for (object, spec) in setup.config.objects.iter().enumerate() {
-        if !matches!(spec, ObjectSpec::Name(_)) {
+        if !spec.is_in_catalogue() {
             let mut given = GivenStart::default();
             given.set(StartQuantity::Object, object as f64, setup)?;
-            Episode::start(setup, &mut ChaCha8Rng::seed_from_u64(0), &given)?;
+            let mut random = ChaCha8Rng::seed_from_u64(0);
+            guarded(|| Episode::start(setup, &mut random, &given)).flatten()?;
         }
     }
     Ok(())
@@ -455,5 +466,39 @@ fn observe(setup: &Setup, step: &StepState, row: &mut [f32], costs: &mut StageTi
     for channel in 0..setup.layout.channels().len() {
         let here = rest;
         rest = costs.time(CHANNEL + channel, || setup.layout.write_channel(channel, step, here));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        tactile::Choice,
+        task::{ObjectSpec, Task, TaskConfig},
+    };
+
+    /// A cube of 3 cm.
+    const CUBE: &str = "v -0.015 -0.015 -0.015\nv 0.015 -0.015 -0.015\nv 0.015 0.015 -0.015\n\
+        v -0.015 0.015 -0.015\nv -0.015 -0.015 0.015\nv 0.015 -0.015 0.015\nv 0.015 0.015 0.015\n\
+        v -0.015 0.015 0.015\nf 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+
+    #[test]
+    fn a_start_with_an_own_mesh_is_tried_however_it_is_given() {
+        let path = std::env::temp_dir().join(format!("ruffini-cube-{}.obj", std::process::id()));
+        std::fs::write(&path, CUBE).unwrap();
+        // So heavy and smooth that the hand holds nothing.
+        let setup = |object: serde_json::Value| {
+            let objects: Vec<ObjectSpec> = vec![serde_json::from_value(object).unwrap()];
+            let (tactile, task) = (Choice::None, Task::named("HoldStill").unwrap());
+            let (mass, friction) = ([0.5; 2], [0.01; 2]);
+            Setup::new(TaskConfig { objects, mass, friction, tactile, ..TaskConfig::of(&task) })
+        };
+        assert!(setup("cuboid".into()).is_ok());
+        let path = path.display().to_string();
+        for object in [serde_json::json!(path), serde_json::json!({"mesh": path})] {
+            let error = setup(object).err().unwrap().to_string();
+            assert!(error.contains("which the hand does not hold"), "{error}");
+        }
+        std::fs::remove_file(path).unwrap();
     }
 }

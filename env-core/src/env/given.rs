@@ -82,8 +82,8 @@ impl GivenStart {
         self.0[quantity as usize].unwrap_or(drawn)
     }
 
-    /// Sets a quantity, or has it drawn again if `value` is not a number. Returns an error unless it
-    /// is within the range of its setting, for which the objects were validated.
+    /// Sets a quantity, or has it drawn again if `value` is not a number. Returns an error unless
+    /// it is within the range of its setting, for which the objects were validated.
     pub(super) fn set(&mut self, quantity: StartQuantity, value: f64, setup: &Setup) -> Result<()> {
         let [low, high] = quantity.bounds(setup);
         let whole = quantity != StartQuantity::Object || value.fract() == 0.0;

@@ -24,10 +24,12 @@ pub use given::StartQuantity;
 pub use plan::Stage;
 pub use row::Row;
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use nalgebra::Vector3;
 
 use crate::{
-    Result,
+    Error, Result,
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
@@ -42,7 +44,7 @@ pub struct Setup {
     layout: ObservationLayout,
     models: Vec<ObjectModel>,
     tactile: TactileModel,
-    /// Hash that identifies the settings in snapshots.
+    /// Hash that identifies the settings and their files in snapshots.
     fingerprint: [u8; 8],
 }
 
@@ -51,10 +53,10 @@ impl Setup {
     pub fn new(config: TaskConfig) -> Result<Self> {
         let config = config.with_sensor()?;
         config.validate()?;
-        let models = config.models()?;
+        let models = guarded(|| config.models()).flatten()?;
         let tactile = tactile_model(&config, &models)?;
         let layout = ObservationLayout::new(&config, tactile.pads().map(|pad| &**pad.skin()))?;
-        let fingerprint = snapshot::fingerprint(&config);
+        let fingerprint = snapshot::fingerprint(&config)?;
         let setup = Self { config, layout, models, tactile, fingerprint };
         episode::check_starts(&setup)?;
         Ok(setup)
@@ -121,4 +123,10 @@ fn tactile_model(config: &TaskConfig, models: &[ObjectModel]) -> Result<TactileM
     let object =
         |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, material.poisson);
     models.iter().map(object).collect::<Result<_>>().map(TactileModel::Objects)
+}
+
+/// Result of `act`, or an [`Error::Panicked`] if it panics, as Rapier does if one of its internal
+/// assertions fails.
+fn guarded<T>(act: impl FnOnce() -> T) -> Result<T> {
+    catch_unwind(AssertUnwindSafe(act)).map_err(|_| Error::Panicked)
 }

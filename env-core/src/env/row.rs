@@ -1,7 +1,5 @@
 //! One environment: reset, step and end of its episodes.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -10,12 +8,13 @@ use super::{
     Outcome, Setup,
     answers::Answer,
     contact::PerFinger,
-    episode::{DRAWS, Episode, PendingStep},
+    episode::{DRAWS, Episode, PendingStep, never_held},
     given::{GivenStart, StartQuantity},
+    guarded,
     plan::StageTimes,
 };
 use crate::{
-    Result,
+    Error, Result,
     deformation::Press,
     scene::SceneState,
     task::{ACTION_SIZE, Ending, EpisodeParameters},
@@ -56,14 +55,17 @@ impl Row {
         self.random = ChaCha8Rng::seed_from_u64(seed);
     }
 
-    /// Begins a reset, which [`Row::open`] ends.
+    /// Begins a reset, which [`Row::open`] ends. After an error the row is as one that was never
+    /// reset.
     pub(super) fn reset(&mut self, setup: &Setup) -> Result<()> {
         self.slipped = 0;
         self.draw(setup)
     }
 
     fn draw(&mut self, setup: &Setup) -> Result<()> {
-        let (episode, motion) = Episode::start(setup, &mut self.random, &self.given)?;
+        (self.episode, self.motion) = (None, None);
+        let start = || Episode::start(setup, &mut self.random, &self.given);
+        let (episode, motion) = guarded(start).flatten()?;
         (self.episode, self.motion) = (Some(episode), Some(motion));
         Ok(())
     }
@@ -73,18 +75,25 @@ impl Row {
         self.motion.as_ref().is_some_and(PendingStep::is_unsettled)
     }
 
-    /// Replaces the solved presses by further ones while an object that the hand holds at the beginning
-    /// of an episode has not come to rest. If it slips out of the hand, the parameters of the episode
-    /// are drawn again, [`DRAWS`] times at most.
+    /// Replaces the solved presses by further ones while an object that the hand holds at the
+    /// beginning of an episode has not come to rest. If it slips out of the hand, the parameters of
+    /// the episode are drawn again; if it does in [`DRAWS`] draws, that is an error. Errors are as
+    /// those of [`Row::reset`].
     pub(super) fn settle(&mut self, setup: &Setup) -> Result<()> {
         let (Some(episode), Some(motion)) = (&mut self.episode, &mut self.motion) else {
             return Ok(());
         };
-        if episode.settle(setup, motion).is_err() && self.slipped < DRAWS {
-            self.slipped += 1;
-            self.draw(setup)?;
+        let Err(error) = guarded(|| episode.settle(setup, motion)).flatten() else {
+            return Ok(());
+        };
+        let object = episode.object();
+        (self.episode, self.motion) = (None, None);
+        self.slipped += 1;
+        match error {
+            Error::NotHeld { .. } if self.slipped < DRAWS => self.draw(setup),
+            Error::NotHeld { grip } => Err(never_held(setup, object, grip)),
+            error => Err(error),
         }
-        Ok(())
     }
 
     /// Ends the reset that [`Row::reset`] began and writes the first observation.
@@ -94,7 +103,7 @@ impl Row {
         }
     }
 
-    /// Returns whether the row has never been reset.
+    /// Returns whether the row has no episode: it was never reset, or its last reset failed.
     pub fn is_new(&self) -> bool {
         self.episode.is_none()
     }
@@ -124,14 +133,11 @@ impl Row {
     /// Moves the rigid bodies through one control period; [`Row::conclude`] ends the step.
     ///
     /// # Panics
-    /// If [`Row::needs_reset`].
+    /// If [`Row::is_new`].
     pub(super) fn advance(&mut self, setup: &Setup, action: &[f32; ACTION_SIZE]) {
         let episode = self.episode.as_mut().expect("callers reset a row before they step it");
-        let costs = &mut self.costs;
-        // Rapier panics if one of its internal assertions fails; this then ends only the episode of
-        // this row.
-        let advance = || episode.advance(setup, action, costs);
-        self.motion = catch_unwind(AssertUnwindSafe(advance)).ok();
+        // A panic ends only the episode of this row.
+        self.motion = guarded(|| episode.advance(setup, action, &mut self.costs)).ok();
     }
 
     /// Takes the presses of the reset or step that has begun.
@@ -163,7 +169,7 @@ impl Row {
     /// declared range.
     ///
     /// # Panics
-    /// If [`Row::needs_reset`].
+    /// If [`Row::is_new`].
     pub(super) fn conclude(
         &mut self,
         setup: &Setup,
@@ -174,7 +180,7 @@ impl Row {
         let (motion, costs) = (self.motion.take(), &mut self.costs);
         let mut conclude = |motion| episode.conclude(setup, motion, observation, scratch, costs);
         let outcome = motion
-            .and_then(|motion| catch_unwind(AssertUnwindSafe(|| conclude(motion))).ok())
+            .and_then(|motion| guarded(|| conclude(motion)).ok())
             .unwrap_or_else(|| Outcome::ended(Ending::EngineError));
         episode.over = outcome.terminated || outcome.truncated;
         outcome
@@ -196,6 +202,12 @@ impl Row {
         self.costs = StageTimes::default();
     }
 
+    /// Greatest depths of the pads' faces inside the object (m), see
+    /// [`crate::scene::Scene::indentations`]; `None` before the first reset.
+    pub fn indentations(&self) -> Option<[f64; 2]> {
+        self.episode.as_ref().map(Episode::indentations)
+    }
+
     /// State of the rigid bodies and parameters of the episode; `None` before the first reset.
     pub fn state(&self) -> Option<(SceneState, EpisodeParameters)> {
         self.episode.as_ref().map(Episode::state)
@@ -206,9 +218,9 @@ impl Row {
 mod tests {
     use super::*;
     use crate::{
-        Error,
+        deformation::Wanted,
         tactile::{Choice, Resolution},
-        task::TaskConfig,
+        task::{Task, TaskConfig},
     };
 
     /// A tactile row after a reset, and its observation.
@@ -234,6 +246,36 @@ mod tests {
         assert_eq!(outcome.press_error, Some("inverted"));
         assert!(outcome.terminated && row.needs_reset());
         assert_eq!(observation, before);
+    }
+
+    #[test]
+    fn an_object_that_slips_out_of_the_hand_in_every_draw_is_an_error() {
+        let config = TaskConfig {
+            tactile: Choice::Compliance,
+            resolution: Resolution { nodes: 100, ..Resolution::default() },
+            friction: [0.2; 2],
+            ..TaskConfig::of(&Task::named("HoldStill").unwrap())
+        };
+        let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
+        row.reset(&setup).unwrap();
+        row.slipped = DRAWS - 1;
+        let mut model = setup.tactile().clone();
+        for (finger, press) in row.ask().into_iter().enumerate() {
+            let press = press.expect("the hand holds the object");
+            let found = model.solve_partially(&[row.object()], &[press], Wanted::default());
+            let mut found = found.into_iter().next().unwrap().unwrap();
+            // Both pads drag the object along the fingers with more than friction.
+            found.wrench.force.y = -100.0;
+            row.answer(finger, Answer { found: Ok(found), restarted: None });
+        }
+        let error = row.settle(&setup).unwrap_err().to_string();
+        assert!(error.contains("does not hold in any of 20 draws"), "{error}");
+        assert!(row.is_new());
+    }
+
+    #[test]
+    fn a_panic_is_a_named_error() {
+        assert_eq!(guarded(|| panic!("as Rapier does")), Err::<(), _>(Error::Panicked));
     }
 
     #[test]

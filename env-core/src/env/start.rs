@@ -95,9 +95,9 @@ impl InitialState {
     }
 }
 
-/// Corrects the pads of a hand that holds an object with `grip` (N) towards `answers`, the solutions
-/// of its presses, and lets the object come to rest again. Returns the presses of this motion; an
-/// [`Error::NotHeld`] if the object slips out of the hand.
+/// Corrects the pads of a hand that holds an object with `grip` (N) towards `answers`, the
+/// solutions of its presses, and lets the object come to rest again. Returns the presses of this
+/// motion; an [`Error::NotHeld`] if the object slips out of the hand.
 ///
 /// Until then the grip was that of the elastic foundation alone, whose forces differ from those of
 /// the model by a quarter.
@@ -128,7 +128,7 @@ pub(super) fn settle(
         return Err(Error::NotHeld { grip });
     }
     let poses = path.as_ref().map_or(&[][..], Trajectory::poses);
-    contact.press(setup, &state, poses, parameters)
+    contact.press(setup, scene, poses, parameters)
 }
 
 /// Configuration of the scene of an episode with these parameters: that of the settings, with pads

@@ -1,4 +1,5 @@
-//! Trajectory of the object and the distractors relative to the pads, thinned to the poses that matter to the contact.
+//! Trajectory of the object and the distractors relative to the pads, thinned to the poses that
+//! matter to the contact.
 
 use nalgebra::Isometry3;
 

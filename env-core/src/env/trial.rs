@@ -41,7 +41,7 @@ impl TrialHold {
         let InitialState { scene, path, .. } =
             InitialState::holding(config, &object, &place, grip, COARSE)?;
         let mut contact = ContactState::new(setup.tactile(), path.start());
-        let presses = contact.press(setup, &scene.state(), path.poses(), parameters)?;
+        let presses = contact.press(setup, &scene, path.poses(), parameters)?;
         Ok((Self { scene, contact, grip }, presses))
     }
 
@@ -57,8 +57,8 @@ impl TrialHold {
 }
 
 /// Computes the stress limit (Pa) from the solutions `answers` of a trial that has settled. For the
-/// few per cent by which the normal force still differs from the grip force, the stress is assumed to
-/// be proportional to the square root of the force.
+/// few per cent by which the normal force still differs from the grip force, the stress is assumed
+/// to be proportional to the square root of the force.
 pub(super) fn limit(trial: &TrialGrip, answers: PerFinger<Result<Deformation>>) -> Result<f64> {
     let [left, right] = answers.map(|answer| answer.unwrap_or(Err(Error::NoTrial)));
     let (left, right) = (left?, right?);

@@ -76,17 +76,17 @@ fn parse_tet(text: &str) -> Parsed<VerticesAndTets> {
     let (mut vertices, mut tets) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate() {
         let line = NumberedLine { number: i + 1, text: line };
-        let Some((kind, rest)) = line.text.trim().split_once(char::is_whitespace) else {
-            match line.text.trim() {
-                "" | "#" => continue,
-                other => return Err(line.wrong(other, "`v x y z` or `t a b c d`")),
-            }
+        let text = line.text.trim();
+        if text.is_empty() || text.starts_with('#') {
+            continue;
+        }
+        let Some((kind, rest)) = text.split_once(char::is_whitespace) else {
+            return Err(line.wrong(text, "`v x y z` or `t a b c d`"));
         };
         let record = NumberedLine { text: rest, ..line };
         match kind {
             "v" => vertices.push(Point3::from(record.exactly::<f64, 3>("three coordinates")?)),
             "t" => tets.push(record.exactly::<u32, 4>("four vertices")?),
-            comment if comment.starts_with('#') => {}
             other => return Err(line.wrong(other, "`v x y z` or `t a b c d`")),
         }
         within(&line, vertices.len().max(tets.len()))?;
@@ -300,7 +300,7 @@ fn within(line: &NumberedLine, count: usize) -> Parsed<()> {
 mod tests {
     use super::*;
 
-    const TET: &str = "# pair\n#\n\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 9 9 9\nv 0.2 0.2 -1e0\n\
+    const TET: &str = "#pair\n#\n\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 9 9 9\nv 0.2 0.2 -1e0\n\
                        t 0 1 2 3\nt 0 2 1 5\n";
     const MSH_2: &str = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n6\n1 0 0 0\n2 1 0 0\n\
         3 0 1 0\n4 0 0 1\n50 9 9 9\n6 0.2 0.2 -1\n$EndNodes\n$Elements\n3\n1 2 2 1 1 1 2 3\n\

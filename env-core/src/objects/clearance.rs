@@ -12,6 +12,13 @@ use crate::{
     sensor::Sensor,
 };
 
+/// Largest distance between the pads of the hand of the rigid scene (m).
+pub(crate) const OPENING: f64 = 0.08;
+/// Extent of its finger bodies behind their pads, along the grip axis (m).
+pub(crate) const FINGER_DEPTH: f64 = 0.010;
+/// Height of their tops above the tool centre (m).
+pub(crate) const FINGER_TOP: f64 = 0.070;
+
 /// Dimensions of a parallel gripper that matter for collisions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hand {
@@ -29,7 +36,7 @@ impl Default for Hand {
     /// The hand of the rigid scene, with the pads of a GelSight Mini.
     fn default() -> Self {
         let sensor = Sensor::named("gelsight-mini").expect("a sensor that is built in");
-        Self { pad: sensor.outline, opening: 0.08, finger_depth: 0.010, palm: 0.070 }
+        Self { pad: sensor.outline, opening: OPENING, finger_depth: FINGER_DEPTH, palm: FINGER_TOP }
     }
 }
 

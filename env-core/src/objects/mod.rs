@@ -14,6 +14,7 @@ mod textured;
 
 pub use antipodal::{Antipodal, GraspSampler, Rejection, Sampling};
 pub use clearance::Hand;
+pub(crate) use clearance::{FINGER_DEPTH, FINGER_TOP, OPENING};
 pub use family::{Family, FamilySplit};
 
 use rand::{Rng, RngExt, SeedableRng};

@@ -79,8 +79,9 @@ pub(super) fn ribbed(draw: &mut Draw) -> Shape {
     Shape::Mesh(Arc::new(Surface::revolved(&profile, SEGMENTS, 0.0)))
 }
 
-/// A box whose faces at ±x bear blunt pyramids, on each of 3 to 6 by 3 to 6 fields or on every second
-/// as on a chessboard. Sharp ones would touch at areas smaller than any mesh of a pad resolves.
+/// A box whose faces at ±x bear blunt pyramids, on each of 3 to 6 by 3 to 6 fields or on every
+/// second as on a chessboard. Sharp ones would touch at areas smaller than any mesh of a pad
+/// resolves.
 pub(super) fn rasp(draw: &mut Draw) -> Shape {
     let half = [draw.spread(0.012, 0.026), draw.uniform(0.012, 0.026)];
     let across = draw.uniform(3.0, 7.0).floor();

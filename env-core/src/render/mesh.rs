@@ -25,18 +25,13 @@ impl RenderMesh {
         Self::from_parts(surface.vertices().to_vec(), surface.triangles().to_vec())
     }
 
-    /// Returns the same triangles over moved vertices (m), for example of a deformed soft body.
-    /// Returns an error if their number differs or one is not finite.
-    pub fn moved(&self, vertices: &[Point3<f64>]) -> Result<Self> {
-        let expected = self.vertices.len();
-        if vertices.len() != expected {
-            let expected = format!("{expected}, as before the move");
-            return Err(Error::invalid("number of vertices", vertices.len(), expected));
-        }
+    /// Creates the mesh of the surface of a deformed body, whose `triangles` are those of its valid
+    /// surface at rest. Returns an error if a vertex is not finite.
+    pub(super) fn deformed(vertices: Vec<Point3<f64>>, triangles: &[[u32; 3]]) -> Result<Self> {
         if let Some(i) = vertices.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
             return Err(Error::invalid("vertices", format!("{} at {i}", vertices[i]), "finite"));
         }
-        Ok(Self::from_parts(vertices.to_vec(), self.triangles.clone()))
+        Ok(Self::from_parts(vertices, triangles.to_vec()))
     }
 
     /// Number of vertices, and therefore of vertex colours.
@@ -128,9 +123,9 @@ mod tests {
     }
 
     #[test]
-    fn moving_vertices_checks_their_number() {
-        let mesh = RenderMesh::new(&Shape::Sphere { radius: 0.02 }.surface(10).unwrap());
-        let message = mesh.moved(&[Point3::origin()]).unwrap_err().to_string();
-        assert!(message.contains("found 1, expected"), "{message}");
+    fn vertices_that_are_not_finite_are_refused() {
+        let corners = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, f64::NAN, 0.0]].map(Point3::from);
+        let message = RenderMesh::deformed(corners.into(), &[[0, 1, 2]]).unwrap_err().to_string();
+        assert!(message.contains("at 2, expected finite"), "{message}");
     }
 }

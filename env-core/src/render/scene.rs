@@ -44,10 +44,10 @@ impl SceneRenderer {
         self.renderer.size()
     }
 
-    /// Draws a scene with an object and distractors of `shapes`, the object first, as an sRGB picture
-    /// (height, width, 3), with a `fixture` on the table if there is one. With a `view`, the pads or the object are drawn deformed and
-    /// coloured by stress, and an inset shows the more stressed pad from the object's side, or the
-    /// object from a finger's side.
+    /// Draws a scene with an object and distractors of `shapes`, the object first, as an sRGB
+    /// picture (height, width, 3), with a `fixture` on the table if there is one. With a `view`,
+    /// the pads or the object are drawn deformed and coloured by stress, and an inset shows the
+    /// more stressed pad from the object's side, or the object from a finger's side.
     pub fn draw(
         &mut self,
         viewpoint: &Viewpoint,

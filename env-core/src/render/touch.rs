@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Color, Finish, Item, PinholeCamera, RenderMesh, Renderer, font};
-use crate::{Result, deformation::Deformation, geometry::Surface, tactile::Shell};
+use crate::{Result, deformation::Deformation, tactile::Shell};
 
 /// Soft bodies to be drawn.
 #[derive(Clone, Copy, Debug)]
@@ -65,11 +65,10 @@ impl StressedBody {
     /// Creates the bodies of `view`: both pads, or the object.
     pub(super) fn all(view: &DeformationView) -> Result<Vec<Self>> {
         let DeformationView { shell, bodies, darkest } = *view;
-        let rest = RenderMesh::new(&Surface::new("body", &shell.places(None), shell.triangles())?);
         let body = |deformation: Option<&Deformation>| {
             let stress = shell.stress(deformation);
             Ok(Self {
-                mesh: rest.moved(&shell.places(deformation))?,
+                mesh: RenderMesh::deformed(shell.places(deformation), shell.triangles())?,
                 colors: stress.iter().map(|stress| color(stress / darkest)).collect(),
                 peak: stress.iter().copied().fold(0.0, f64::max),
                 darkest,
@@ -96,8 +95,8 @@ const FRAME: usize = 2;
 /// bar relative to the inset (`BAR`).
 const SHARE: f64 = 0.36;
 const BAR: f64 = 0.06;
-/// Smallest width and height of a picture with an inset, and smallest width of an inset with numbers
-/// (pixels).
+/// Smallest width and height of a picture with an inset, and smallest width of an inset with
+/// numbers (pixels).
 const SMALLEST: usize = 96;
 const SMALLEST_NUMBERED: usize = 64;
 /// Vertical field of view of the inset (rad).

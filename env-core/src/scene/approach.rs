@@ -9,10 +9,8 @@ use std::fmt;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{
-    ObjectModel, Physics, Scene, SceneConfig, SceneObject, Workspace, gripper::FINGER_TOP,
-};
-use crate::Result;
+use super::{ObjectModel, Physics, Scene, SceneConfig, SceneObject, Workspace};
+use crate::{Result, objects::FINGER_TOP};
 
 /// Reason why the hand does not reach a grasp.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -46,8 +46,8 @@ impl std::fmt::Debug for ObjectModel {
 }
 
 impl ObjectModel {
-    /// Creates the model of `shape` as if it rested with its frame upright; a shape without a finite
-    /// surface, or with too many triangles, is an error.
+    /// Creates the model of `shape` as if it rested with its frame upright; a shape without a
+    /// finite surface, or with too many triangles, is an error.
     pub(super) fn unsettled(shape: Shape) -> Result<Self> {
         let shape = shape.validated()?;
         let surface = shape.surface(SEGMENTS).ok_or_else(|| {
@@ -96,8 +96,8 @@ impl ObjectModel {
         Isometry3::from_parts(Translation3::new(x, y, z), rotation)
     }
 
-    /// Radius of an upright cylinder about the frame of the object, scaled by `scale` and at rest on
-    /// the table, that contains it (m).
+    /// Radius of an upright cylinder about the frame of the object, scaled by `scale` and at rest
+    /// on the table, that contains it (m).
     pub fn rest_radius(&self, scale: f64) -> f64 {
         let turned = self.surface.vertices().iter().map(|v| (self.resting * v).coords.xy().norm());
         scale * turned.fold(0.0, f64::max)
@@ -213,8 +213,9 @@ fn triangles(surface: &Surface) -> Result<SharedShape> {
     let bad = |reason| Error::BadMesh { name: "object".into(), reason };
     let count = surface.triangles().len();
     if count > MOST_TRIANGLES {
-        let expected = "expected at most 20000 for a shape that is not convex";
-        return Err(bad(format!("{count} triangles, {expected}")));
+        return Err(bad(format!(
+            "{count} triangles, expected at most {MOST_TRIANGLES} for a shape that is not convex"
+        )));
     }
     let flags = TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES;
     SharedShape::trimesh_with_flags(hull::vertices(surface), surface.triangles().to_vec(), flags)

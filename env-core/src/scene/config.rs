@@ -11,6 +11,7 @@ use crate::{
     deformation::Moduli,
     error::within,
     geometry::PadOutline,
+    objects::OPENING,
     sensor::{Calibration, ElasticFoundation, Sensor},
 };
 
@@ -133,7 +134,7 @@ impl Default for Gripper {
             pad_length: 0.025_25,
             pad_thickness: 0.004,
             finger_mass: 0.1,
-            max_opening: 0.08,
+            max_opening: OPENING,
             max_force: 40.0,
             // From zero to the largest force in 0.4 s. If the grip could reverse within one control
             // step, the next wrong action would undo it, and so would any exploration noise.

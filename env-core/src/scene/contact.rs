@@ -41,6 +41,18 @@ pub(super) fn wrench(
     sum
 }
 
+/// Returns whether two colliders exerted any force on each other.
+pub(super) fn exists(world: &PhysicsWorld, one: ColliderHandle, other: ColliderHandle) -> bool {
+    let Some(pair) = world.narrow_phase.contact_pair(one, other) else { return false };
+    pair.solver_manifolds().iter().any(|manifold| {
+        manifold.data.solver_contacts.iter().any(|contact| {
+            let point = &manifold.points[contact.contact_indices()[0] as usize].data;
+            let parts = [point.impulse, point.tangent_impulse.x, point.tangent_impulse.y];
+            parts.iter().any(|part| *part != 0.0)
+        })
+    })
+}
+
 impl Wrench {
     /// Returns the wrench in the axes of `frame`, about the same point.
     pub(super) fn seen_from(&self, frame: &Isometry3<f64>) -> Self {

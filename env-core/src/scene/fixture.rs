@@ -31,8 +31,8 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// Creates a fixture in the middle of the table for an upright peg of `shape` in its size, whose
-    /// hole is wider than the peg by `clearance` (m) between opposite sides. Only cuboids,
+    /// Creates a fixture in the middle of the table for an upright peg of `shape` in its size,
+    /// whose hole is wider than the peg by `clearance` (m) between opposite sides. Only cuboids,
     /// cylinders and prisms are pegs.
     pub fn around(shape: &Shape, clearance: f64, height: f64, margin: f64) -> Result<Self> {
         let gap = 0.5 * clearance;

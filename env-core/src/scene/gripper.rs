@@ -11,11 +11,8 @@ use rapier3d::prelude::{
 use serde::{Deserialize, Serialize};
 
 use super::{Gripper, Pads, units};
+use crate::objects::{FINGER_DEPTH, FINGER_TOP};
 
-/// Extent of the finger body behind its pad, along the grip axis (m).
-pub(super) const FINGER_DEPTH: f64 = 0.010;
-/// Height of the finger body's top above the tool centre (m).
-pub(super) const FINGER_TOP: f64 = 0.070;
 /// Rigid fraction of a soft pad's thickness, at its base; the gel is not compressed further.
 const CORE: f64 = 0.25;
 /// Lower bound of the grip force in the damping of a finger (N), so that an idle finger stays
@@ -227,8 +224,7 @@ mod tests {
     #[test]
     fn grasps_are_sampled_for_this_hand() {
         let (hand, gripper) = (Hand::default(), Gripper::default());
-        let found = [hand.opening, hand.finger_depth, hand.palm];
-        assert_eq!(found, [gripper.max_opening, FINGER_DEPTH, FINGER_TOP]);
+        assert_eq!(hand.opening, gripper.max_opening);
         let pad = [hand.pad.width, hand.pad.length, hand.pad.thickness];
         assert_eq!(pad, [gripper.pad_width, gripper.pad_length, gripper.pad_thickness]);
     }

@@ -64,8 +64,8 @@ impl Scene {
         if is_held { Ok(scene) } else { Err(Error::NotHeld { grip }) }
     }
 
-    /// Lets the object come to rest in the hand, which stands still and grips with `grip` (N). `seen`
-    /// is called after each time step.
+    /// Lets the object come to rest in the hand, which stands still and grips with `grip` (N).
+    /// `seen` is called after each time step.
     pub fn rest_in_hand(&mut self, grip: f64, seen: impl FnMut(&Self)) {
         self.hold(grip, REST, seen);
     }

@@ -1,8 +1,8 @@
 //! Convex hulls as Rapier's colliders.
 //!
-//! Rapier joins triangles whose normals differ by less than 1.5° to one face, with the normal of one
-//! of them. On a finely meshed round surface they join all the way round, and a face is bent or none
-//! is left. Where that happens, a hull of fewer vertices takes the hull's place.
+//! Rapier joins triangles whose normals differ by less than 1.5° to one face, with the normal of
+//! one of them. On a finely meshed round surface they join all the way round, and a face is bent or
+//! none is left. Where that happens, a hull of fewer vertices takes the hull's place.
 
 use std::panic::catch_unwind;
 

@@ -1,11 +1,11 @@
-//! The rigid world: a parallel-jaw gripper, a table and free bodies, simulated by Rapier: the object
-//! to be grasped, and distractors beside it if the task has any.
+//! The rigid world: a parallel-jaw gripper, a table and free bodies, simulated by Rapier: the
+//! object to be grasped, and distractors beside it if the task has any.
 //!
 //! The wrist is kinematic with its origin at the tool centre. Two force-limited fingers slide along
 //! its x axis; a spring on their common displacement keeps them centred. The pads and the finger
-//! bodies behind them collide with the free bodies only. Contact is rigid with Coulomb friction, except
-//! for soft pads ([`Pads::Soft`]), whose faces are an elastic foundation of bristles on a rigid
-//! core. A [`Fixture`] is a block with a hole that stands on the table.
+//! bodies behind them collide with the free bodies only. Contact is rigid with Coulomb friction,
+//! except for soft pads ([`Pads::Soft`]), whose faces are an elastic foundation of bristles on a
+//! rigid core. A [`Fixture`] is a block with a hole that stands on the table.
 //!
 //! Rapier computes in decimetres, because parry's tolerances are absolute and suit that scale;
 //! everything that enters or leaves this module is SI. The solver's settings are those of

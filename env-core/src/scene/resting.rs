@@ -1,5 +1,5 @@
-//! Orientation in which an object rests on a table: released with its frame upright, it settles in a
-//! scene without a hand near by.
+//! Orientation in which an object rests on a table: released with its frame upright, it settles in
+//! a scene without a hand near by.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

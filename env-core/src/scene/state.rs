@@ -57,9 +57,6 @@ pub struct FingerState {
     /// Pose of the object's frame in the pad's frame (m), which is that of
     /// [`crate::geometry::PadMesh`].
     pub object: Isometry3<f64>,
-    /// Greatest depth of the undeformed face of a soft pad inside the object (m), 0 without contact
-    /// and for a rigid pad.
-    pub indentation: f64,
 }
 
 impl FingerState {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     BodyState, Failure, FingerState, MOST_DISTRACTORS, ObjectModel, Pads, SceneConfig, SceneObject,
     SceneState, WristState, contact,
-    foundation::{FixtureContact, FoundationStep, Foundations, stops},
+    foundation::{FixtureContact, FoundationStep, Foundations},
     gripper::{HandBodies, OBJECT},
     setup::{insert_fixture, insert_solid, integration_parameters, table},
     units,
@@ -86,7 +86,7 @@ impl Scene {
             fixture.map(|fixture| insert_fixture(&mut world, fixture)).unwrap_or_default();
         let foundation = match &config.pads {
             Pads::Rigid => None,
-            Pads::Soft(pads) => Some(Foundations::new(pads, &solids)),
+            Pads::Soft(pads) => Some(Foundations::new(pads, &solids, config.fixture.as_ref())),
         };
         // An object that is alone does not need to meet others.
         let others = if distractors.is_empty() { Group::empty() } else { OBJECT };
@@ -147,12 +147,13 @@ impl Scene {
             return;
         }
         self.world.bodies[self.hand.wrist].set_next_kinematic_position(units::pose(&wrist.pose));
-        let stops = if self.foundation.is_some() { self.stops() } else { Vec::new() };
-        let solids = self.solids();
-        let is_supported = if self.foundation.is_some() { self.are_supported() } else { vec![] };
+        let around = self.foundation.as_ref().map(|foundation| {
+            (self.stops(foundation), self.solids().collect::<Vec<_>>(), self.are_supported())
+        });
         let gripper = &self.config.gripper;
         self.hand.drive(&mut self.world, gripper, grip);
-        let applied = self.foundation.as_mut().map(|foundation| {
+        let pairs = self.foundation.as_mut().zip(around);
+        let applied = pairs.map(|(foundation, (stops, solids, is_supported))| {
             let (time, gravity) = (self.config.physics.time_step, self.gravity);
             let wrist = [self.wrist.pose, wrist.pose];
             let step = FoundationStep { time, gravity, force, wrist, grip, is_supported };
@@ -202,19 +203,16 @@ impl Scene {
     }
 
     /// Bodies of the object and of the distractors.
-    fn solids(&self) -> Vec<RigidBodyHandle> {
-        [self.object].into_iter().chain(self.distractors.iter().map(|(body, _)| *body)).collect()
+    fn solids(&self) -> impl Iterator<Item = RigidBodyHandle> + '_ {
+        [self.object].into_iter().chain(self.distractors.iter().map(|(body, _)| *body))
     }
 
-    /// Returns for the object and each distractor whether it touched the table or another of them in
-    /// the last step.
+    /// Returns for the object and each distractor whether it touched the table or another of them
+    /// in the last step.
     fn are_supported(&self) -> Vec<bool> {
         let distractors = self.distractors.iter().map(|(_, collider)| *collider);
         let solids: Vec<_> = [self.object_collider].into_iter().chain(distractors).collect();
-        let touch = |one, other| {
-            let wrench = contact::wrench(&self.world, one, other, &Point3::origin());
-            wrench.force != Vector3::zeros()
-        };
+        let touch = |one, other| contact::exists(&self.world, one, other);
         let others = |one| solids.iter().filter(move |other| **other != one);
         let is_supported = |&one: &ColliderHandle| {
             touch(one, self.table) || others(one).any(|&other| touch(one, other))
@@ -232,10 +230,9 @@ impl Scene {
     }
 
     /// Points at which the fixture is next to the object.
-    fn stops(&self) -> Vec<FixtureContact> {
-        let Some(fixture) = &self.config.fixture else { return Vec::new() };
+    fn stops(&self, foundation: &Foundations) -> Vec<FixtureContact> {
         let center = units::si_vector(self.world.bodies[self.object].center_of_mass());
-        stops(fixture, &self.world.colliders[self.object_collider], &center)
+        foundation.stops(&self.world.colliders[self.object_collider], &center)
     }
 
     /// Rotation of the wrist about z (rad).
@@ -254,7 +251,7 @@ impl Scene {
         let seen = |body: RigidBodyHandle| {
             pad.inv_mul(&units::si_pose(self.world.bodies[body].position()))
         };
-        self.solids().into_iter().map(seen).collect()
+        self.solids().map(seen).collect()
     }
 
     fn finger_state(&self, index: usize, object: &Isometry3<f64>) -> FingerState {
@@ -268,16 +265,25 @@ impl Scene {
         let wrench = of_distractors.fold(of_object, |sum, wrench| sum + wrench).seen_from(&pad);
         let of_object = of_object.seen_from(&pad);
         let object = pad.inv_mul(object);
-        let (wrench, of_object, indentation) = match &self.foundation {
-            Some(foundation) => (
-                wrench + foundation.wrench(index),
-                of_object + foundation.wrench_of_object(index),
-                foundation.indentation(index, &object),
-            ),
-            None => (wrench, of_object, 0.0),
+        let (wrench, of_object) = match &self.foundation {
+            Some(foundation) => {
+                (wrench + foundation.wrench(index), of_object + foundation.wrench_of_object(index))
+            }
+            None => (wrench, of_object),
         };
         let object_force = -of_object.force.z;
-        FingerState { position, velocity, pad, wrench, object_force, object, indentation }
+        FingerState { position, velocity, pad, wrench, object_force, object }
+    }
+
+    /// Greatest depths of the undeformed faces of soft pads inside the object (m), 0 without
+    /// contact and for rigid pads.
+    pub fn indentations(&self) -> [f64; 2] {
+        let Some(foundation) = &self.foundation else { return [0.0; 2] };
+        let object = units::si_pose(self.world.bodies[self.object].position());
+        [0, 1].map(|finger| {
+            let pad = self.hand.fingers[finger].pad_pose(&self.world);
+            foundation.indentation(finger, &pad.inv_mul(&object))
+        })
     }
 
     /// Corrects the elastic foundation of a soft pad towards `model`: the wrench on pad `finger`,
@@ -308,7 +314,7 @@ impl Scene {
     /// stepped.
     pub fn attach(&mut self, models: &[&ObjectModel]) {
         if let (Some(foundation), Pads::Soft(pads)) = (&mut self.foundation, &self.config.pads) {
-            foundation.attach(pads, models);
+            foundation.attach(pads, models, self.config.fixture.as_ref());
         }
     }
 
@@ -346,8 +352,7 @@ impl Scene {
             let body = &self.world.bodies[handle];
             body.position().is_finite() && body.linvel().is_finite() && body.angvel().is_finite()
         };
-        self.solids().into_iter().all(finite)
-            && self.hand.fingers.iter().all(|finger| finite(finger.body))
+        self.solids().all(finite) && self.hand.fingers.iter().all(|finger| finite(finger.body))
     }
 }
 

@@ -53,6 +53,12 @@ enum Kind {
 /// Names of the material laws.
 pub(crate) const LAWS: [&str; 4] = ["neo-hookean", "stable-neo-hookean", "corotated", "linear"];
 
+/// Largest Poisson's ratio: above it λ/μ exceeds 10⁶ and double precision no longer resolves the
+/// shear stress.
+pub(crate) const LARGEST_POISSON: f64 = 0.499_999_5;
+/// Largest coefficient of friction.
+pub(crate) const MOST_FRICTION: f64 = 100.0;
+
 /// Keys of earlier files.
 const UNUSED: [&str; 1] = ["friction.dynamic"];
 
@@ -158,7 +164,7 @@ const FILE: [Section; 7] = [
         keys: &[
             key("name", Kind::Text, "name, for the setting material", "\"measured\""),
             key("young", Kind::Number(1.0, 1e12, "Pa"), "Young's modulus", "0.30e6"),
-            key("poisson", Kind::Number(0.0, 0.499_999_5, ""), "Poisson's ratio", "0.47"),
+            key("poisson", Kind::Number(0.0, LARGEST_POISSON, ""), "Poisson's ratio", "0.47"),
             key("law", Kind::Word(&LAWS), "material law", "\"neo-hookean\""),
             SOURCE,
             optional(
@@ -174,7 +180,12 @@ const FILE: [Section; 7] = [
         about: "Coulomb friction of the skin.",
         required: true,
         keys: &[
-            key("static", Kind::Number(0.0, 100.0, ""), "coefficient, while sliding too", "1.0"),
+            key(
+                "static",
+                Kind::Number(0.0, MOST_FRICTION, ""),
+                "coefficient, while sliding too",
+                "1.0",
+            ),
             SOURCE,
         ],
     },

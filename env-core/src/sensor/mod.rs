@@ -19,6 +19,7 @@ use crate::{
 #[cfg(test)]
 pub(crate) use fields::LAWS;
 pub use fields::template;
+pub(crate) use fields::{LARGEST_POISSON, MOST_FRICTION};
 
 const KNOWN: [(&str, &str); 2] = [
     ("gelsight-mini", include_str!("../../assets/sensors/gelsight-mini.toml")),
@@ -75,8 +76,8 @@ pub struct Calibration {
     /// Source of the calibration, or empty.
     #[serde(default)]
     pub source: String,
-    /// Elastic foundation fitted to the finite-element model of the gel; that of the `GelSight` Mini
-    /// if `None`.
+    /// Elastic foundation fitted to the finite-element model of the gel; that of the `GelSight`
+    /// Mini if `None`.
     #[serde(default)]
     pub elastic_foundation: Option<ElasticFoundation>,
 }
@@ -192,9 +193,12 @@ impl Sensor {
 
     /// Returns the built-in sensor `name`, or reads the file if `name` is the path of a .toml file.
     pub fn open(name: &str) -> Result<Self> {
-        let path = Path::new(name);
-        let is_file = path.extension().is_some_and(|extension| extension == "toml");
-        if is_file { Self::read(path) } else { Self::named(name) }
+        if Self::is_file(name) { Self::read(Path::new(name)) } else { Self::named(name) }
+    }
+
+    /// Returns whether `name` is the path of a .toml file.
+    pub fn is_file(name: &str) -> bool {
+        Path::new(name).extension().is_some_and(|extension| extension == "toml")
     }
 
     /// Returns the calibration `name`, or an error that lists the available ones.

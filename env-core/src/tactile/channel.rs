@@ -1,13 +1,15 @@
 //! Tactile channels: a table of their shapes, units and bounds, and the evaluation of each.
 //!
 //! Vectors are in the frame of the pad. Without contact every entry is exactly 0, except in the
-//! depth map and the image, which show the resting face. Bounds: displacement up to four times the pad's
-//! thickness, and stress up to 25 times Young's modulus, about ten times the stress that tears a
-//! silicone gel; that of single tetrahedra up to a thousand times.
+//! depth map and the image, which show the resting face. Bounds: displacement up to four times the
+//! pad's thickness, and stress up to 25 times Young's modulus, about ten times the stress that
+//! tears a silicone gel; that of single tetrahedra up to a thousand times.
+
+use std::cell::OnceCell;
 
 use nalgebra::Vector3;
 
-use super::{config::Resolution, skin::Skin, traction};
+use super::{config::Resolution, imprint::RaisedFace, skin::Skin, traction};
 use crate::{
     deformation::{Deformation, Wanted},
     geometry::Shape,
@@ -60,8 +62,8 @@ pub struct Spec {
 const MOST_MOTION: f64 = 4.0;
 /// Bound of the stress, in Young's moduli.
 const MOST_STRESS: f64 = 25.0;
-/// Bound of the stress of single tetrahedra, in Young's moduli: one that an edge folds has many times
-/// the mean over a cell of the grid.
+/// Bound of the stress of single tetrahedra, in Young's moduli: one that an edge folds has many
+/// times the mean over a cell of the grid.
 const MOST_TET_STRESS: f64 = 1000.0;
 /// Bound of force (N), torque (N m) and unbalanced force (N).
 const MOST_FORCE: f64 = 5000.0;
@@ -256,10 +258,22 @@ impl Channel {
     ///
     /// For [`Channel::Image`] if [`Skin::has_image`] is false.
     pub fn read(self, skin: &Skin, answer: Option<&Deformation>, shapes: &[&Shape]) -> Vec<f64> {
+        self.read_with(skin, answer, shapes, &OnceCell::new())
+    }
+
+    /// Entries as [`Channel::read`] returns them. `raised` is of this answer, empty at first; other
+    /// channels of the same answer read it.
+    pub(crate) fn read_with(
+        self,
+        skin: &Skin,
+        answer: Option<&Deformation>,
+        shapes: &[&Shape],
+        raised: &OnceCell<RaisedFace>,
+    ) -> Vec<f64> {
         match (self, answer) {
             (Self::Image, _) => {
                 let camera = skin.camera.as_ref().expect("only sensors with colours have images");
-                camera.picture(&skin.face, answer, shapes)
+                camera.picture(&skin.face, answer, shapes, raised)
             }
             (Self::Depth, None) => skin.rest_depth.clone(),
             (_, None) => vec![0.0; self.size(skin)],
@@ -279,7 +293,7 @@ impl Channel {
             (Self::Slip, Some(answer)) => vec![answer.sliding],
             (Self::Depth, Some(answer)) => {
                 let objects: Vec<_> = shapes.iter().copied().zip(&answer.poses).collect();
-                skin.view.imprint(&skin.face, answer, &objects).heights
+                skin.view.imprint(&skin.face, answer, &objects, raised).heights
             }
             (Self::Trust, Some(answer)) => trust(skin, answer).into(),
         }

@@ -41,12 +41,12 @@ pub(super) fn cover_by(
     }
     // Shares are linear in the plan.
     let Some(origin) = plan_shares(triangle, 0.0, 0.0) else { return };
-    let [along, across] = share_slopes(triangle);
+    let [by_x, by_y] = share_slopes(triangle);
     for j in rows {
         let y = view.centre(1, j);
         for i in columns.clone() {
             let x = view.centre(0, i);
-            let shares: [f64; 3] = from_fn(|k| origin[k] + along[k] * x + across[k] * y);
+            let shares: [f64; 3] = from_fn(|k| origin[k] + by_x[k] * x + by_y[k] * y);
             if shares.iter().all(|&share| share >= -1e-9) {
                 let z = triangle.iter().zip(shares).map(|(corner, s)| corner.z * s).sum();
                 visit((j * view.counts[0] + i) as usize, z, shares);

@@ -93,7 +93,8 @@ mod tests {
             // The outermost lowered centres.
             let [dx, dy] = [x.abs() - 4.5e-4, y.abs() - 5.5e-4].map(|d| d.max(0.0));
             let exact = (STEEPEST * dx.hypot(dy) - drop).min(0.0);
-            // Distances along rows, columns and diagonals alone are at most a twelfth too long here.
+            // Distances along rows, columns and diagonals alone are at most a twelfth too long
+            // here.
             let most = STEEPEST * dx.hypot(dy) / 8.0 + 1e-12;
             assert!(z > exact - 1e-12 && z < exact + most, "{z} m for {exact} m at {place:?}");
             assert!(dx > 0.0 && dy > 0.0 || (z - exact).abs() < 1e-12, "{z}, {exact} m");

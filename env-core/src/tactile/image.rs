@@ -8,10 +8,12 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
+use std::cell::OnceCell;
+
 use super::{
     depth,
     face::Face,
-    imprint::{FaceView, Imprint},
+    imprint::{FaceView, Imprint, RaisedFace},
 };
 use crate::{deformation::Deformation, geometry::Shape, sensor::ImageResponse, simd::vectorised};
 
@@ -26,6 +28,8 @@ pub(super) struct TactileCamera {
     rest: Vec<f64>,
     /// Colours of the resting face (P, 3).
     background: Vec<[f32; 3]>,
+    /// Weights of the Gaussian that smooths the height, along a row and along a column.
+    smoothing: [Vec<f32>; 2],
 }
 
 impl TactileCamera {
@@ -47,6 +51,7 @@ impl TactileCamera {
         };
         Self {
             rest: depth::heights(face, grid, None),
+            smoothing: grid.cell.map(|cell| gaussian(response.smoothing / cell)),
             background: grid.centres().map(at).collect(),
             response: response.clone(),
             half_view,
@@ -54,17 +59,19 @@ impl TactileCamera {
         }
     }
 
-    /// Colours (P, 3) from 0 to 1 of the face deformed by objects of these `shapes`, or at rest.
+    /// Colours (P, 3) from 0 to 1 of the face deformed by objects of these `shapes`, or at rest; for
+    /// `raised` see [`FaceView::imprint`].
     pub(super) fn picture(
         &self,
         face: &Face,
         deformation: Option<&Deformation>,
         shapes: &[&Shape],
+        raised: &OnceCell<RaisedFace>,
     ) -> Vec<f64> {
         let mut colours = self.background.clone();
         if let Some(deformation) = deformation {
             let objects: Vec<_> = shapes.iter().copied().zip(&deformation.poses).collect();
-            let Imprint { heights, rise } = self.view.imprint(face, deformation, &objects);
+            let Imprint { heights, rise } = self.view.imprint(face, deformation, &objects, raised);
             let raised = heights.iter().zip(&self.rest).zip(rise);
             let raised: Vec<_> = raised.map(|((z, rest), rise)| (z - rest - rise) as f32).collect();
             self.add_response(&self.smoothed(&raised), &mut colours);
@@ -72,11 +79,11 @@ impl TactileCamera {
         colours.iter().flatten().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
     }
 
-    /// Convolves a map (P) with the camera's Gaussian; beyond the view it has the values of the edge.
+    /// Convolves a map (P) with the camera's Gaussian; beyond the view it has the values of the
+    /// edge.
     fn smoothed(&self, map: &[f32]) -> Vec<f32> {
         let [nx, ny] = self.view.grid.counts.map(|count| count as usize);
-        let [of_row, of_column] =
-            [0, 1].map(|axis| gaussian(self.response.smoothing / self.view.grid.cell[axis]));
+        let [of_row, of_column] = &self.smoothing;
         let reach = of_row.len() / 2;
         let mut padded = vec![0.0; nx + 2 * reach];
         let mut passed = vec![0.0; map.len()];
@@ -154,8 +161,8 @@ impl ResponseRow {
         Self { p, q, x, colours: [0, 1, 2].map(|_| vec![0.0; width]) }
     }
 
-    /// Sets the slopes, limited to `steepest`, and their powers: those of `line` at pixels `dx` apart
-    /// (m), and the difference of the lines beside it times `across` (1/m).
+    /// Sets the slopes, limited to `steepest`, and their powers: those of `line` at pixels `dx`
+    /// apart (m), and the difference of the lines beside it times `across` (1/m).
     fn slopes(
         &mut self,
         line: &[f32],

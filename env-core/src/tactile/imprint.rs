@@ -1,15 +1,16 @@
-//! Height map of a face that objects press: their own surface where they touch it, the gel's beside.
+//! Height map of a face that objects press: their own surface where they touch it, the gel's
+//! beside.
 //!
 //! Nodes of a pad's mesh stand more than a millimetre apart, too far for the rim of a contact. Near
-//! contact the gel's surface is therefore smoothed ([`SmoothFace`]). Where nodes bear pressure p it is
-//! first raised by β h p/E*, with E* = E/(1 − ν²) and the spacing h of the nodes, at most to a little
-//! beyond the object; then it is lowered to the object wherever it lies inside. The rim is where
-//! both meet. At the edge of an object that the smoothed surface cannot follow, it rises from the
-//! object with a fixed slope ([`ease`]).
+//! contact the gel's surface is therefore smoothed ([`SmoothFace`]). Where nodes bear pressure p it
+//! is first raised by β h p/E*, with E* = E/(1 − ν²) and the spacing h of the nodes, at most to a
+//! little beyond the object; then it is lowered to the object wherever it lies inside. The rim is
+//! where both meet. At the edge of an object that the smoothed surface cannot follow, it rises from
+//! the object with a fixed slope ([`ease`]).
 //!
 //! Shapes: V nodes of the mesh, P pixels, those across the fastest.
 
-use std::sync::OnceLock;
+use std::{cell::OnceCell, sync::OnceLock};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -28,8 +29,8 @@ use crate::{
 /// Factor β of the raise. A larger one makes contacts look larger, by 0.1 mm at 0.6; with a smaller
 /// one the scatter of finite elements from node to node shows.
 const RAISE: f64 = 0.3;
-/// Largest height over the object to which nodes are raised, in spacings of the nodes: more than the
-/// smoothed surface falls short of the object inside of a flat contact with sharp edges.
+/// Largest height over the object to which nodes are raised, in spacings of the nodes: more than
+/// the smoothed surface falls short of the object inside of a flat contact with sharp edges.
 const OVER: f64 = 0.05;
 /// Share of the largest nodal force from which a node counts as bearing.
 const BEARING: f64 = 0.02;
@@ -56,12 +57,21 @@ struct SmoothView {
     rise: Vec<f64>,
 }
 
+/// Nodes of a pressed face, the same for any pixels.
+#[derive(Debug)]
+pub(crate) struct RaisedFace {
+    /// Displacements (V) in m, of nodes near contact raised by their pressure.
+    motion: Vec<Vector3<f64>>,
+    /// Shares of the smooth surface (V).
+    shares: Vec<f64>,
+}
+
 /// Height map of a pressed face.
 pub(super) struct Imprint {
     /// Heights (P) in m.
     pub(super) heights: Vec<f64>,
-    /// By how much the surface that is deformed lies over that of the mesh at rest (P) in m: 0 where
-    /// both are the same.
+    /// By how much the surface that is deformed lies over that of the mesh at rest (P) in m: 0
+    /// where both are the same.
     pub(super) rise: Vec<f64>,
 }
 
@@ -85,12 +95,14 @@ impl FaceView {
         Self { grid, modulus, smooth: OnceLock::new() }
     }
 
-    /// Height map of `face` deformed by `objects` at their poses; by the mesh alone if there are none.
+    /// Height map of `face` deformed by `objects` at their poses; by the mesh alone if there are
+    /// none. What other views of the same face need is kept in `raised`.
     pub(super) fn imprint(
         &self,
         face: &Face,
         deformation: &Deformation,
         objects: &[(&Shape, &Isometry3<f64>)],
+        raised: &OnceCell<RaisedFace>,
     ) -> Imprint {
         let displacement = &deformation.displacement[..];
         if objects.is_empty() {
@@ -99,12 +111,14 @@ impl FaceView {
         }
         let SmoothView { face: fine, rise } =
             self.smooth.get_or_init(|| SmoothView::new(face, &self.grid));
-        let near = near(face, deformation);
-        let motion = self.raised(face, fine, (deformation, objects), &near);
-        let shares = near.iter().zip(&fine.is_border).map(|(near, border)| *near && !border);
-        let shares: Vec<_> = shares.map(|is_smooth| f64::from(u8::from(is_smooth))).collect();
-        let Covered { mut heights, shares } =
-            Covered::new(face, fine, &self.grid, &motion, &shares);
+        let RaisedFace { motion, shares } = raised.get_or_init(|| {
+            let near = near(face, deformation);
+            let motion = self.raised(face, fine, (deformation, objects), &near);
+            let shares = near.iter().zip(&fine.is_border).map(|(near, border)| *near && !border);
+            let shares = shares.map(|is_smooth| f64::from(u8::from(is_smooth))).collect();
+            RaisedFace { motion, shares }
+        });
+        let Covered { mut heights, shares } = Covered::new(face, fine, &self.grid, motion, shares);
         let free = heights.clone();
         for (shape, pose) in objects {
             lower(&mut heights, &self.grid, shape, pose);

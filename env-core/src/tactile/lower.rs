@@ -82,8 +82,8 @@ mod tests {
     use super::*;
     use crate::geometry::{Bump, Hollow, StarShaped, Wave};
 
-    /// Solids that are lowered to triangles, each with the solid as rays see it, and by how much the
-    /// triangles may be off its surface (m).
+    /// Solids that are lowered to triangles, each with the solid as rays see it, and by how much
+    /// the triangles may be off its surface (m).
     fn solids() -> Vec<(Shape, Shape, f64)> {
         let wave = Wave { amplitude: 0.03, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
         let dimple = Bump { amplitude: -0.1, axis: -Vector3::z_axis(), concentration: 12.0 };

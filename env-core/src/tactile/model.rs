@@ -1,16 +1,12 @@
 //! Models that solve presses: of the pads, built once for all environments with the same settings,
 //! or of soft objects.
 
-use std::{
-    path::Path,
-    slice,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::{path::Path, slice, sync::Arc};
 
 use nalgebra::Isometry3;
 use rayon::{ThreadPoolBuilder, prelude::*};
 
-use super::{Choice, Shell, Skin, SoftObject, TactileConfig};
+use super::{Choice, Shell, Skin, SoftObject, TactileConfig, recent::Recent};
 use crate::{
     Error, Result,
     compliance::nodal::ContactResolution,
@@ -57,10 +53,8 @@ impl std::fmt::Debug for TactilePad {
     }
 }
 
-/// Most recently built instances, newest first.
-static BUILT: Mutex<Vec<(TactileConfig, TactilePad)>> = Mutex::new(Vec::new());
-/// Greatest number of instances kept.
-const KEPT: usize = 4;
+/// Pads with built-in sensors and networks; a file may have changed since it was read.
+static BUILT: Recent<TactileConfig, Option<TactilePad>> = Recent::new(4);
 
 impl TactileModel {
     /// Name of the model in a plan; `None` if nothing deforms.
@@ -127,19 +121,17 @@ impl TactilePad {
         if config.choice == Choice::None {
             return Ok(None);
         }
-        // A file may have changed, so an instance built from one is not reused.
-        let is_file = config.sensor.contains('.') || config.network.is_some();
-        let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, touch)) = built.iter().find(|(known, _)| known == config && !is_file) {
-            return Ok(Some(touch.clone()));
+        if Sensor::is_file(&config.sensor) || config.network.is_some() {
+            return Self::build(config);
         }
+        BUILT.get(config, || Self::build(config))
+    }
+
+    fn build(config: &TactileConfig) -> Result<Option<Self>> {
         let sensor = config.sensor()?;
         let Some((model, pad, body)) = Model::new(config, &sensor)? else { return Ok(None) };
         let skin = Arc::new(Skin::new(&pad, &body, &sensor, &config.resolution)?);
-        let touch = Self { skin, model };
-        built.insert(0, (config.clone(), touch.clone()));
-        built.truncate(KEPT);
-        Ok(Some(touch))
+        Ok(Some(Self { skin, model }))
     }
 
     /// Surface of the pads.

@@ -1,10 +1,10 @@
 //! Soft object between two rigid fingers: its presses and its deformation.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use super::Shell;
+use super::{Shell, recent::Recent};
 use crate::{
     Result,
     deformation::{Deformation, History, Moduli, Press, SoftBody},
@@ -25,6 +25,8 @@ pub struct SoftObject {
     /// Nodes that carry markers, far from each other on the surface.
     markers: Arc<[u32]>,
     shell: Arc<Shell>,
+    /// Volumes of the tetrahedra at rest (T) in m³.
+    volumes: Arc<[f64]>,
     /// Half-extents of a finger's box (m), whose +z side presses.
     finger: Vector3<f64>,
 }
@@ -46,17 +48,14 @@ pub struct Squeezed {
 }
 
 /// Parameters that determine a model.
-#[derive(PartialEq)]
+#[derive(Clone, PartialEq)]
 struct ModelParameters {
     shape: Shape,
     finger: Vector3<f64>,
     poisson: f64,
 }
 
-/// Most recently built instances, newest first.
-static BUILT: Mutex<Vec<(ModelParameters, SoftObject)>> = Mutex::new(Vec::new());
-/// Greatest number of instances kept.
-const KEPT: usize = 16;
+static BUILT: Recent<ModelParameters, SoftObject> = Recent::new(16);
 
 impl std::fmt::Debug for SoftObject {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -68,19 +67,16 @@ impl SoftObject {
     /// Loads the shipped network for an object of `shape` between fingers of half-extents `finger`
     /// (m), or returns a recently built instance.
     pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
-        let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-        let parts = ModelParameters { shape: shape.clone(), finger, poisson };
-        if let Some((_, known)) = built.iter().find(|(known, _)| *known == parts) {
-            return Ok(known.clone());
-        }
-        let moduli = Moduli { young: YOUNG, poisson };
-        let surrogate = SoftSurrogate::named("soft", shape, moduli, 1.0)?;
-        let markers = spread_out(surrogate.body());
-        let shell = Arc::new(shell(surrogate.body().mesh()));
-        let object = Self { surrogate, markers, shell, finger };
-        built.insert(0, (parts, object.clone()));
-        built.truncate(KEPT);
-        Ok(object)
+        let parameters = ModelParameters { shape: shape.clone(), finger, poisson };
+        BUILT.get(&parameters, || {
+            let moduli = Moduli { young: YOUNG, poisson };
+            let surrogate = SoftSurrogate::named("soft", shape, moduli, 1.0)?;
+            let mesh = surrogate.body().mesh();
+            let markers = spread_out(surrogate.body());
+            let shell = Arc::new(shell(mesh));
+            let volumes = (0..mesh.tets.len()).map(|t| mesh.tet_volume(t)).collect();
+            Ok(Self { surrogate, markers, shell, volumes, finger })
+        })
     }
 
     /// Model of the object. Solving needs a mutable model, so callers clone it.
@@ -100,7 +96,10 @@ impl SoftObject {
         let poses = faces.iter().map(|face| face * back).collect();
         let fingers = vec![Shape::Cuboid { half_extents: self.finger }; 2];
         let press = Press::along(fingers, vec![poses])?.with_friction(friction)?;
-        history.map_or(Ok(press.clone()), |history| press.after(history))
+        match history {
+            Some(history) => press.after(history),
+            None => Ok(press),
+        }
     }
 
     /// Evaluates a solution for an object of Young's modulus `young` (Pa); `None` without contact.
@@ -108,21 +107,19 @@ impl SoftObject {
         if answer.contact_force.iter().all(|force| *force == Vector3::zeros()) {
             return Ok(None);
         }
-        let (mesh, share) = (self.surrogate.body().mesh(), young / YOUNG);
-        let rest = &mesh.vertices;
+        let (rest, share) = (&self.surrogate.body().mesh().vertices, young / YOUNG);
         let moved: Vec<_> = rest.iter().zip(&answer.displacement).map(|(p, u)| p + u).collect();
         let RigidFit { motion, residual } = RigidFit::new(rest, &moved)?;
         let marker = |&node: &u32| moved[node as usize] - motion * rest[node as usize];
         let stresses = answer.von_mises.iter().copied();
-        let volume = |t: usize| mesh.tet_volume(t);
-        let all: f64 = stresses.clone().enumerate().map(|(t, stress)| stress * volume(t)).sum();
+        let all: f64 = stresses.clone().zip(&*self.volumes).map(|(s, volume)| s * volume).sum();
         let wrenches = self.surrogate.of_fingers(&self.finger, answer);
         let face = |i: usize| answer.poses[i].rotation * Vector3::z();
         Ok(Some(Squeezed {
             markers: self.markers.iter().map(marker).collect(),
             deviation: residual,
             peak: share * stresses.fold(0.0, f64::max),
-            mean: share * all / mesh.volume(),
+            mean: share * all / self.volumes.iter().sum::<f64>(),
             forces: [0, 1].map(|i| share * wrenches[i].force.dot(&face(i))),
         }))
     }

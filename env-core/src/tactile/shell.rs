@@ -52,8 +52,8 @@ impl Shell {
         nodes.map(|(&node, place)| place + deformation.displacement[node as usize]).collect()
     }
 
-    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each; 0 if `deformation`
-    /// is `None`.
+    /// Von Mises stress at the nodes (B) in Pa, the mean of the tetrahedra around each; 0 if
+    /// `deformation` is `None`.
     pub fn stress(&self, deformation: Option<&Deformation>) -> Vec<f64> {
         let Some(deformation) = deformation else { return vec![0.0; self.nodes.len()] };
         let mean = |shares: &Vec<(u32, f64)>| {

@@ -3,7 +3,7 @@
 //! Shapes: V nodes of the mesh, T tetrahedra, S free surface nodes, M markers, G cells of the grid,
 //! D pixels of the depth map. Grids run across (x) fastest, from the corner of least x and y.
 
-use std::collections::BTreeMap;
+use std::{cell::OnceCell, collections::BTreeMap};
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,7 +11,7 @@ use super::{
     Resolution, Shell, depth,
     face::{Face, FacePoint, PlanGrid},
     image::TactileCamera,
-    imprint::FaceView,
+    imprint::{FaceView, RaisedFace},
 };
 use crate::{
     Error, Result,
@@ -31,6 +31,8 @@ pub struct PadDeformations<'a> {
     pub bodies: &'a [Shape],
     /// Numbers of the bodies in the press of each finger.
     pub pressed: [&'a [usize]; 2],
+    /// Faces near contact, computed by the first channel that needs them.
+    pub(crate) raised: &'a [OnceCell<RaisedFace>; 2],
 }
 
 impl<'a> PadDeformations<'a> {

@@ -137,8 +137,8 @@ impl<'a> Neighbours<'a> {
         [place.x, place.y].map(|p| (p / (CUT * self.width)).floor() as i64)
     }
 
-    /// Nodes around `place` with their weights in a quadratic fitted there; `None` where they do not
-    /// determine one well.
+    /// Nodes around `place` with their weights in a quadratic fitted there; `None` where they do
+    /// not determine one well.
     fn weights(&self, face: &Face, place: Vector2<f64>) -> Option<Vec<(u32, f64)>> {
         let [i, j] = self.square(place);
         let squares = (-1..=1).flat_map(|di| (-1..=1).map(move |dj| [i + di, j + dj]));

@@ -11,8 +11,8 @@ pub const ACTION_SIZE: usize = 5;
 
 /// Converts `action` to a command for a wrist turned by `yaw` (rad): each component is scaled by
 /// the gripper's limit. The grip force starts from `before` (N) and moves towards its target at the
-/// gripper's greatest rate, or changes by a factor if the task has a [`super::GradualGrip`]. Components
-/// outside [−1, 1] count as the nearer bound.
+/// gripper's greatest rate, or changes by a factor if the task has a [`super::GradualGrip`].
+/// Components outside [−1, 1] count as the nearer bound.
 pub fn command(action: &[f32; ACTION_SIZE], config: &TaskConfig, yaw: f64, before: f64) -> Command {
     let gripper = &config.scene.gripper;
     let [x, y, z, yaw_rate, grip] = action.map(|a| f64::from(a).clamp(-1.0, 1.0));

@@ -7,6 +7,7 @@ use crate::{
     Error, Result,
     deformation::Moduli,
     scene::{Gripper, SceneConfig, SoftPads, Workspace},
+    sensor::Sensor,
     tactile::{Choice, GelMaterial, Resolution, TactileConfig},
 };
 
@@ -138,6 +139,13 @@ impl TaskConfig {
     pub fn touch(&self) -> TactileConfig {
         let Self { tactile: choice, sensor, material, resolution, network, .. } = self.clone();
         TactileConfig { choice, sensor, material, resolution, network }
+    }
+
+    /// Paths of the files that the settings name: sensor, network and meshes.
+    pub fn files(&self) -> Vec<&str> {
+        let sensor = Some(&*self.sensor).filter(|sensor| Sensor::is_file(sensor));
+        let meshes = self.objects.iter().filter_map(ObjectSpec::file);
+        sensor.into_iter().chain(self.network.as_deref()).chain(meshes).collect()
     }
 
     /// Names of the observation's channels: those that are set, or the default ones of the task.

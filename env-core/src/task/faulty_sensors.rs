@@ -1,12 +1,12 @@
 //! Sensors with errors: what is drawn for an episode, and what they report in each step.
 //!
 //! Errors change what is observed and nothing else: rewards and endings are those of the true
-//! values. A value x of a channel is observed as g y + b + n, cut to the channel's bounds as a sensor
-//! saturates. The lagging value y follows x by the play operator of half-width h,
-//! y ← max(x − h, min(x + h, y)) (Krasnosel'skii & Pokrovskii, Systems with Hysteresis, 1989), from
-//! y = x at the reset. The gain g is drawn at the reset, the noise n in each step. The bias b starts
-//! at an offset drawn at the reset and drifts as a random walk, whose standard deviation after a
-//! time t is d √t.
+//! values. A value x of a channel is observed as g y + b + n, cut to the channel's bounds as a
+//! sensor saturates. The lagging value y follows x by the play operator of half-width h, y ← max(x
+//! − h, min(x + h, y)) (Krasnosel'skii & Pokrovskii, Systems with Hysteresis, 1989), from y = x at
+//! the reset. The gain g is drawn at the reset, the noise n in each step. The bias b starts at an
+//! offset drawn at the reset and drifts as a random walk, whose standard deviation after a time t
+//! is d √t.
 
 use std::{collections::VecDeque, iter::repeat_n};
 

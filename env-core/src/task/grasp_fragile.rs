@@ -23,8 +23,8 @@ pub struct GraspFragile {
 
 impl Default for GraspFragile {
     fn default() -> Self {
-        // The trial grip of the lightest object is 0.5 N; the force must grow slowly enough to sense
-        // the contact before that.
+        // The trial grip of the lightest object is 0.5 N; the force must grow slowly enough to
+        // sense the contact before that.
         let grip = GradualGrip { start: 0.2, least: 0.2, rate: 5.0 };
         Self { grip, safety_factor: 2.0, margin: [1.1, 1.25] }
     }
@@ -148,7 +148,7 @@ impl Rules for GraspFragile {
     }
 
     fn ending(&self, step: &StepState, progress: &Progress) -> Option<Ending> {
-        (progress.gripped() && !step.any_touches()).then_some(Ending::Dropped)
+        progress.is_let_go(step).then_some(Ending::Dropped)
     }
 }
 

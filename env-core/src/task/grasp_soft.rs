@@ -149,7 +149,7 @@ impl Rules for GraspSoft {
     }
 
     fn ending(&self, step: &StepState, progress: &Progress) -> Option<Ending> {
-        (progress.gripped() && !step.any_touches()).then_some(Ending::Dropped)
+        progress.is_let_go(step).then_some(Ending::Dropped)
     }
 }
 

@@ -7,12 +7,10 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Ending, EpisodeParameters, GradualGrip, Progress, Range, RewardTerm, Rules, Setting, Start,
-    StepState, Task, TaskConfig, least_grip, reward, setting::rising,
+    StepState, Task, TaskConfig, least_grip, progress::OUT_OF_HAND, reward, setting::rising,
 };
 use crate::Result;
 
-/// Slip above which an object counts as dropped (m): most of a pad's extent.
-const OUT_OF_HAND: f64 = 0.02;
 /// Time over which load and shaking grow to their full size (s).
 const ONSET: f64 = 0.5;
 
@@ -164,8 +162,7 @@ impl Rules for HoldStill {
     }
 
     fn ending(&self, step: &StepState, progress: &Progress) -> Option<Ending> {
-        let dropped = !step.any_touches() || progress.slip(step) > OUT_OF_HAND;
-        dropped.then_some(Ending::Dropped)
+        progress.is_out_of_hand(step).then_some(Ending::Dropped)
     }
 
     /// The object is in its place in the hand and held with little force.

@@ -19,8 +19,6 @@ use crate::{
 const HEIGHT: f64 = 0.02;
 /// Thickness of the fixture beside the hole (m).
 const MARGIN: f64 = 0.025;
-/// Slip above which a peg counts as dropped (m).
-const OUT_OF_HAND: f64 = 0.02;
 /// Height of the tip over the block at which `reach` is 0 (m).
 const FAR: f64 = 0.01;
 /// Distance of the tip from the hole's axis at which `align` is 1/e (m).
@@ -246,7 +244,7 @@ impl Rules for InsertPeg {
     }
 
     fn ending(&self, step: &StepState, progress: &Progress) -> Option<Ending> {
-        if !step.any_touches() || progress.slip(step) > OUT_OF_HAND {
+        if progress.is_out_of_hand(step) {
             return Some(Ending::Dropped);
         }
         if step.state.fixture.force.norm() <= self.force_limit {

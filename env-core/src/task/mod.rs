@@ -61,8 +61,8 @@ pub trait Rules {
     fn name(&self) -> &'static str;
 
     /// Specification in Markdown, the docstring of the environment. Lines `{channels}`,
-    /// `{tactile_channels}`, `{terms}` and `{settings}` stand for the tables of the task's channels,
-    /// those of tactile fingers, reward terms and settings.
+    /// `{tactile_channels}`, `{terms}` and `{settings}` stand for the tables of the task's
+    /// channels, those of tactile fingers, reward terms and settings.
     fn doc(&self) -> &'static str;
 
     /// Terms of the reward.
@@ -99,7 +99,8 @@ pub trait Rules {
         Start::OverTable
     }
 
-    /// Settings of a grip force that the action changes by a factor; `None` where it sets the force.
+    /// Settings of a grip force that the action changes by a factor; `None` where it sets the
+    /// force.
     fn gradual_grip(&self) -> Option<&GradualGrip> {
         None
     }

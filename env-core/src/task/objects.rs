@@ -141,6 +141,20 @@ impl ObjectSpec {
         ObjectModel::new(self.shape()?)
     }
 
+    /// Returns whether this is a name of the catalogue.
+    pub fn is_in_catalogue(&self) -> bool {
+        matches!(self, Self::Name(name) if !is_mesh_file(name))
+    }
+
+    /// Path of the mesh file, if it is one.
+    pub fn file(&self) -> Option<&str> {
+        match self {
+            Self::Name(name) => Some(&**name).filter(|name| is_mesh_file(name)),
+            Self::Mesh(spec) => Some(&spec.mesh),
+            Self::Shape(_) => None,
+        }
+    }
+
     /// The shape of the object.
     pub fn shape(&self) -> Result<Shape> {
         Ok(match self {

@@ -282,7 +282,8 @@ impl ObservationLayout {
             Source::Fingers(channel) => {
                 let pads = step.pads.expect("tactile channels are of tactile fingers");
                 for (finger, deformation) in pads.fingers.into_iter().enumerate() {
-                    for x in channel.read(pads.skin, deformation, &pads.shapes(finger)) {
+                    let (shapes, raised) = (pads.shapes(finger), &pads.raised[finger]);
+                    for x in channel.read_with(pads.skin, deformation, &shapes, raised) {
                         writer.push(x);
                     }
                 }

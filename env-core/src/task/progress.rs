@@ -10,6 +10,9 @@ use crate::scene::SceneState;
 const LIFTED: f64 = 0.95;
 /// Time from the start that does not count towards the mean grip force (s).
 const SETTLING: f64 = 1.0;
+/// Slip above which an object that starts in the hand counts as dropped (m): most of a pad's
+/// extent.
+pub(super) const OUT_OF_HAND: f64 = 0.02;
 /// Lever arm by which a rotation of the object counts as slip (m).
 const LEVER: f64 = 0.01;
 
@@ -43,17 +46,23 @@ impl Progress {
         }
     }
 
-    /// Returns whether both pads have ever pressed on the object.
-    pub fn gripped(&self) -> bool {
-        self.gripped
-    }
-
     /// Distance that the object has moved in the hand since the start (m); a rotation counts with a
     /// lever arm of 1 cm.
     pub fn slip(&self, step: &StepState) -> f64 {
         let now = step.state.object_in_wrist();
         let moved = now.translation.vector - self.start.translation.vector;
         moved.norm() + LEVER * now.rotation.angle_to(&self.start.rotation)
+    }
+
+    /// Returns whether no pad presses on the object any more, after both have.
+    pub fn is_let_go(&self, step: &StepState) -> bool {
+        self.gripped && !step.any_touches()
+    }
+
+    /// Returns whether an object that starts in the hand has left it: no pad presses on it, or it
+    /// has slipped by most of a pad's extent.
+    pub fn is_out_of_hand(&self, step: &StepState) -> bool {
+        !step.any_touches() || self.slip(step) > OUT_OF_HAND
     }
 
     /// Fraction of the hold time for which the object has been lifted, at most 1.

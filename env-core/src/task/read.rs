@@ -176,6 +176,13 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_range_of_poissons_ratio_is_that_of_sensors() {
+        let material = OTHERS.iter().find(|(name, _)| *name == "material").unwrap();
+        let range = material.1.unwrap()[0];
+        assert!(range.ends_with(&format!("0 to {}", crate::sensor::LARGEST_POISSON)), "{range}");
+    }
+
+    #[test]
     fn what_is_not_given_is_as_usual_for_the_task() {
         for task in Task::all() {
             let config =

@@ -26,8 +26,8 @@ impl RewardWeights {
         Self(terms.iter().map(|term| term.weight).collect())
     }
 
-    /// Replaces the weights that are `given` by name; returns an error unless all belong to terms of
-    /// `task`.
+    /// Replaces the weights that are `given` by name; returns an error unless all belong to terms
+    /// of `task`.
     pub(super) fn set(&mut self, given: &BTreeMap<String, f64>, task: &Task) -> Result<()> {
         for (name, &weight) in given {
             let Some(place) = task.terms().iter().position(|term| term.name == name) else {

@@ -67,7 +67,8 @@ fn task(task: &Task) -> Value {
     })
 }
 
-/// Settings that are no numbers with their defaults; entry by entry if they are mappings of numbers.
+/// Settings that are no numbers with their defaults; entry by entry if they are mappings of
+/// numbers.
 fn others(config: &TaskConfig) -> Vec<Value> {
     let terms = config.task.terms().iter();
     let weights: Map<_, _> = terms.map(|term| (term.name.into(), term.weight.into())).collect();
@@ -89,28 +90,32 @@ fn others(config: &TaskConfig) -> Vec<Value> {
             json!({"name": name, "default": default(name), "range": range, "unit": "", "doc": doc}),
         )
     });
-    let entry = |name: &str, value, bounds: [f64; 2], unit: &str, doc: &str| json!({"name": name, "default": value, "bounds": bounds, "unit": unit, "doc": doc});
     let TaskConfig { resolution, scene, .. } = config;
     let nodes = [*NODES.start() as f64, *NODES.end() as f64];
     let about = "greatest number of nodes of a pad's mesh";
     let mut all: Vec<_> = plain.collect();
-    all.push(entry("resolution.nodes", json!(resolution.nodes), nodes, "", about));
+    all.push(entry("resolution.nodes", &json!(resolution.nodes), nodes, "", about));
     all.extend(
         resolution.counts().map(|(name, counts, most, doc)| {
-            entry(name, json!(counts), [1.0, most.into()], "", doc)
+            entry(name, &json!(counts), [1.0, most.into()], "", doc)
         }),
     );
     all.extend(scene.numbers().into_iter().map(
         |scene::BoundedNumber { name, value, bounds, unit, doc }| {
-            entry(name, json!(value), bounds, unit, doc)
+            entry(name, &json!(value), bounds, unit, doc)
         },
     ));
     let corners = [("low", scene.workspace.low), ("high", scene.workspace.high)];
     all.extend(corners.map(|(name, corner)| {
         let doc = format!("{name} corner of the box of the tool centre: x, y, z");
-        entry(&format!("workspace.{name}"), json!(corner), PLACE, "m", &doc)
+        entry(&format!("workspace.{name}"), &json!(corner), PLACE, "m", &doc)
     }));
     all
+}
+
+/// Setting that is a number, or numbers with the same bounds.
+fn entry(name: &str, value: &Value, bounds: [f64; 2], unit: &str, doc: &str) -> Value {
+    json!({"name": name, "default": value, "bounds": bounds, "unit": unit, "doc": doc})
 }
 
 #[cfg(test)]

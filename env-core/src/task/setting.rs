@@ -69,8 +69,8 @@ impl<'a> Setting<'a> {
         Self { name, value: SettingValue::Range(value), bounds, unit, doc }
     }
 
-    /// Sets the value from JSON: a number, or for a range also its two ends. The bounds of a count are
-    /// checked here, those of others by [`Setting::validate`].
+    /// Sets the value from JSON: a number, or for a range also its two ends. The bounds of a count
+    /// are checked here, those of others by [`Setting::validate`].
     pub fn set(&mut self, value: &Value) -> Result<()> {
         match &mut self.value {
             SettingValue::Number(number) => {

@@ -1,10 +1,11 @@
 //! Forces of the elastic foundation at the end of a step: backward Euler in N = 6 B + 2 unknowns.
 //!
-//! The unknowns are the velocities v of the B bodies that the pads touch (6 each), the object first,
-//! and of the two slides at the end of the step; Newton's method solves M (v − v₀) = h f(v), in each step together with the rigid contact
-//! with a fixture ([`super::stops`]). The contact geometry is that at the beginning
-//! of the step, so depth and stretch of a bristle are linear in v. A slipping bristle contributes
-//! its secant stiffness, which makes its part a fixed-point iteration that does not overshoot.
+//! The unknowns are the velocities v of the B bodies that the pads touch (6 each), the object
+//! first, and of the two slides at the end of the step; Newton's method solves M (v − v₀) = h f(v),
+//! in each step together with the rigid contact with a fixture ([`super::stops`]). The contact
+//! geometry is that at the beginning of the step, so depth and stretch of a bristle are linear in
+//! v. A slipping bristle contributes its secant stiffness, which makes its part a fixed-point
+//! iteration that does not overshoot.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -188,8 +189,9 @@ impl Bodies {
         (forces, wrench_of(stopped.as_slice(), 0))
     }
 
-    /// Wrenches of the fingers on each body (B) in N and N m about its centre of mass, in world axes,
-    /// at the end of a step with this `motion` (N). Stores the remaining stretch in `contacts`.
+    /// Wrenches of the fingers on each body (B) in N and N m about its centre of mass, in world
+    /// axes, at the end of a step with this `motion` (N). Stores the remaining stretch in
+    /// `contacts`.
     pub(super) fn exerted(
         &self,
         contacts: &mut [LoadedBristle],
@@ -206,8 +208,8 @@ impl Bodies {
         wrenches
     }
 
-    /// Adds a wrench of `finger` on a body about its centre of mass to the `forces` on the unknowns;
-    /// the finger bears the reaction.
+    /// Adds a wrench of `finger` on a body about its centre of mass to the `forces` on the
+    /// unknowns; the finger bears the reaction.
     pub(super) fn add(&self, forces: &mut [f64], body: usize, finger: usize, wrench: &Wrench) {
         let parts = wrench.force.iter().chain(&wrench.torque);
         forces[6 * body..].iter_mut().zip(parts).for_each(|(sum, part)| *sum += part);
@@ -288,8 +290,8 @@ impl Bodies {
     }
 }
 
-/// Stiffness −∂f/∂x of the foundation's forces on the unknowns, from that stored in `contacts`, with
-/// slides along `axis`.
+/// Stiffness −∂f/∂x of the foundation's forces on the unknowns, from that stored in `contacts`,
+/// with slides along `axis`.
 fn stiffness<const N: usize>(
     contacts: &[LoadedBristle],
     axis: &Vector3<f64>,

@@ -3,8 +3,8 @@
 //! The wrench of the model at a pose of the object is compared with that of the foundation at the
 //! same pose. The normal force is corrected by a factor, which keeps the foundation's steep force
 //! law and vanishes with the contact; the remainder, friction and torque, by a constant wrench. At
-//! a constant load, foundation and correction converge to the model: the factor as (1 − 0.8 μ/β)ᵏ in
-//! k corrections, with the exponents μ of the model's and β of the foundation's force law; the
+//! a constant load, foundation and correction converge to the model: the factor as (1 − 0.8 μ/β)ᵏ
+//! in k corrections, with the exponents μ of the model's and β of the foundation's force law; the
 //! remainder at once where both are as stiff. Where the model is stiffer, a correction of the whole
 //! remainder goes too far, which shows in the next as a remainder of the other sign; of such a
 //! component 0.6 is removed, and it vanishes as (1 − 0.6 K_model/K_foundation)ᵏ, which is stable up

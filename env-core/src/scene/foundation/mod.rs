@@ -26,11 +26,11 @@ mod stops;
 mod touch;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
-use rapier3d::prelude::{PhysicsWorld, RigidBodyHandle, Vector};
+use rapier3d::prelude::{Collider, PhysicsWorld, RigidBodyHandle, Vector};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Gripper, ObjectModel, SceneObject, SoftPads,
+    Fixture, Gripper, ObjectModel, SceneObject, SoftPads,
     gripper::{HandBodies, damping},
     units,
 };
@@ -38,7 +38,7 @@ use crate::{deformation::Wrench, geometry::Shape};
 use balance::{Bodies, Inertia, LoadedBristle, wrench_of};
 use correction::Correction;
 use law::FoundationLaw;
-pub(super) use stops::{FixtureContact, stops};
+pub(super) use stops::FixtureContact;
 use touch::{BristleAnchor, BristleContact, BristleFace, PlacedObject};
 
 /// Elastic foundations of both pads of a scene.
@@ -83,6 +83,8 @@ struct Surroundings {
     /// Bodies in their actual size, the object first, each with the radius of a sphere about the
     /// origin of its frame that contains it (m).
     bodies: Vec<(Shape, f64)>,
+    /// Boxes of the fixture, as [`Fixture::boxes`] gives them; none without one.
+    blocks: Vec<(Isometry3<f64>, Vector3<f64>)>,
 }
 
 /// Inputs of the elastic foundation for one Rapier step.
@@ -145,10 +147,9 @@ impl PadFoundation {
 
 impl Foundations {
     /// Creates the elastic foundations of a new scene with these bodies, the object first.
-    pub(super) fn new(pads: &SoftPads, bodies: &[&SceneObject]) -> Self {
-        let face = BristleFace::new(&pads.outline);
+    pub(super) fn new(pads: &SoftPads, bodies: &[&SceneObject], fixture: Option<&Fixture>) -> Self {
         let contact =
-            PadBodyContact { anchors: vec![None; face.count()], wrench: Wrench::default() };
+            PadBodyContact { anchors: vec![None; BristleFace::COUNT], wrench: Wrench::default() };
         let contacts = vec![contact; bodies.len()];
         let pad = PadFoundation { contacts, correction: Correction::default() };
         let mut foundation = Self {
@@ -162,20 +163,26 @@ impl Foundations {
             contacts: Vec::new(),
         };
         let models: Vec<_> = bodies.iter().map(|body| body.model).collect();
-        foundation.attach(pads, &models);
+        foundation.attach(pads, &models, fixture);
         foundation
     }
 
     /// Restores the data that a saved scene does not contain, unless these are not the `models` of
     /// all bodies.
-    pub(super) fn attach(&mut self, pads: &SoftPads, models: &[&ObjectModel]) {
+    pub(super) fn attach(
+        &mut self,
+        pads: &SoftPads,
+        models: &[&ObjectModel],
+        fixture: Option<&Fixture>,
+    ) {
         let sized = |(model, &scale): (&&ObjectModel, &f64)| {
             (model.sampled().scaled(scale), scale * model.radius())
         };
         let bodies: Vec<_> = models.iter().zip(&self.scales).map(sized).collect();
         let face = BristleFace::new(&pads.outline);
+        let blocks = fixture.map(Fixture::boxes).unwrap_or_default();
         let is_whole = models.len() == self.scales.len();
-        self.surroundings = is_whole.then_some(Surroundings { face, bodies });
+        self.surroundings = is_whole.then_some(Surroundings { face, bodies, blocks });
     }
 
     /// Returns whether the bodies are attached.
@@ -198,6 +205,12 @@ impl Foundations {
         self.fixture
     }
 
+    /// Points at which the `object`, whose centre of mass is `center` (m), is next to the fixture.
+    pub(super) fn stops(&self, object: &Collider, center: &Vector3<f64>) -> Vec<FixtureContact> {
+        let blocks = self.surroundings.iter().flat_map(|surroundings| &surroundings.blocks);
+        stops::stops(blocks, object, center)
+    }
+
     /// Corrects a finger towards the wrench `model` on its pad, computed by a more accurate model
     /// at `poses` of the bodies in the pad's frame.
     pub(super) fn correct(&mut self, finger: usize, poses: &[Isometry3<f64>], model: &Wrench) {
@@ -206,7 +219,8 @@ impl Foundations {
         self.pads[finger].correction.toward(model, |gain| at_rest(&touches, gain, friction));
     }
 
-    /// Corrects only the normal force of a finger, towards `force` (N); see [`Foundations::correct`].
+    /// Corrects only the normal force of a finger, towards `force` (N); see
+    /// [`Foundations::correct`].
     pub(super) fn correct_pressing(&mut self, finger: usize, poses: &[Isometry3<f64>], force: f64) {
         let touches = self.all_touches(finger, poses);
         let friction = self.friction;
@@ -395,8 +409,9 @@ impl SoftPads {
     ) -> Vec<Wrench> {
         let law = FoundationLaw::new(self);
         let bodies = vec![(object.sampled().clone(), object.radius())];
-        let surroundings = Surroundings { face: BristleFace::new(&self.outline), bodies };
-        let mut anchors = vec![None; surroundings.face.count()];
+        let face = BristleFace::new(&self.outline);
+        let surroundings = Surroundings { face, bodies, blocks: Vec::new() };
+        let mut anchors = vec![None; BristleFace::COUNT];
         let mut touches = Vec::new();
         let frame = |pose: &Isometry3<f64>| {
             let obstacle = surroundings.obstacle(0, pose);
@@ -432,7 +447,8 @@ impl Twist {
     }
 }
 
-/// Velocities of bodies and slides; those of the slides are relative to a wrist that moves as `base`.
+/// Velocities of bodies and slides; those of the slides are relative to a wrist that moves as
+/// `base`.
 fn motion(
     world: &PhysicsWorld,
     hand: &HandBodies,
@@ -513,8 +529,9 @@ fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrenc
 /// `sudden` are the other forces on a body that only the pads touch (N), and the duration of the
 /// step (s). It gets all of them as one impulse, so that it moves through the step at the velocity
 /// that was solved for. Forces would accelerate it from substep to substep: at an acceleration a it
-/// would end (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h. On
-/// the table an impulse would kick it loose from the friction that Rapier balances in each substep.
+/// would end (n − 1)/2n a h² short of where the gel was solved for, after n substeps in a time h.
+/// On the table an impulse would kick it loose from the friction that Rapier balances in each
+/// substep.
 fn push(
     world: &mut PhysicsWorld,
     body: RigidBodyHandle,

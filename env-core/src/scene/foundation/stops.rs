@@ -8,7 +8,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Point3, SMatrix, SVector, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, SMatrix, SVector, Vector3};
 use rapier3d::{
     parry::{
         bounding_volume::BoundingVolume,
@@ -17,7 +17,7 @@ use rapier3d::{
     prelude::{Collider, Cuboid},
 };
 
-use crate::scene::{Fixture, units};
+use crate::scene::units;
 
 /// Velocity of the centre of mass and angular velocity of each body, and speeds of the slides along
 /// the wrist's x.
@@ -34,8 +34,8 @@ const ALONG: f64 = 0.5;
 /// Most sweeps, and relative change of the impulses at which they end.
 const SWEEPS: usize = 60;
 const CLOSE: f64 = 1e-3;
-/// Directions in which the outermost points of one face are kept; the others bear nothing that these
-/// cannot.
+/// Directions in which the outermost points of one face are kept; the others bear nothing that
+/// these cannot.
 const DIRECTIONS: usize = 8;
 /// Cosine between normals of one face.
 const PARALLEL: f64 = 0.9999;
@@ -51,17 +51,18 @@ pub(in crate::scene) struct FixtureContact {
     gap: f64,
 }
 
-/// Points at which `object` is next to `fixture`, relative to its centre of mass `center` (m).
-pub(in crate::scene) fn stops(
-    fixture: &Fixture,
+/// Points at which `object` is next to the boxes of a fixture ([`crate::scene::Fixture::boxes`]),
+/// relative to its centre of mass `center` (m).
+pub(super) fn stops<'a>(
+    boxes: impl Iterator<Item = &'a (Isometry3<f64>, Vector3<f64>)>,
     object: &Collider,
     center: &Vector3<f64>,
 ) -> Vec<FixtureContact> {
     let (mut stops, mut manifolds) = (Vec::new(), Vec::<ContactManifold<(), ()>>::new());
     let pose = units::si_pose(object.position());
-    for (part, half) in fixture.boxes() {
+    for (part, half) in boxes {
         let seen = units::pose(&part.inv_mul(&pose));
-        let solid = Cuboid::new(units::vector(&half));
+        let solid = Cuboid::new(units::vector(half));
         let reach = object.shape().compute_aabb(&seen).loosened(units::scalar(NEAR));
         if !solid.local_aabb().intersects(&reach) {
             continue;
@@ -182,8 +183,8 @@ impl<const N: usize> FixtureImpulses<N> {
         pairs.map(|((rows, _), impulse)| rows.tr_mul(impulse)).sum()
     }
 
-    /// Finds the impulses with which the velocities, `free` without them, obey the contact law after
-    /// a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
+    /// Finds the impulses with which the velocities, `free` without them, obey the contact law
+    /// after a step of `time` (s); an impulse p changes the velocities by `inverse` (p).
     pub(super) fn solve(
         &mut self,
         free: &Velocities<N>,
@@ -191,39 +192,30 @@ impl<const N: usize> FixtureImpulses<N> {
         friction: f64,
         inverse: impl Fn(&Velocities<N>) -> Velocities<N>,
     ) {
-        let reach: Vec<SMatrix<f64, N, 3>> = self
-            .points
-            .iter()
-            .map(|(rows, _)| {
-                let column = |i: usize| inverse(&rows.row(i).transpose());
-                SMatrix::from_columns(&[column(0), column(1), column(2)])
-            })
-            .collect();
+        let responses: Vec<_> =
+            self.points.iter().map(|(rows, _)| PointResponse::new(rows, &inverse)).collect();
         let mut motion = free + inverse(&self.sum());
         let soft = COMPLIANCE / (time * time);
         for _ in 0..SWEEPS {
             let (mut change, mut largest) = (0.0_f64, 0.0_f64);
-            for (i, (rows, gap)) in self.points.iter().enumerate() {
-                let own = rows * reach[i];
-                let impulse = self.impulses[i];
+            let points = self.points.iter().zip(&responses).zip(&mut self.impulses);
+            for (((rows, gap), response), kept) in points {
+                let impulse = *kept;
                 let velocity = rows * motion;
                 let bias = if *gap > 0.0 { gap / time } else { RECOVERY * gap / time };
-                let along = -(velocity.x + bias + soft * impulse.x) / (own[(0, 0)] + soft);
+                let along = -(velocity.x + bias + soft * impulse.x) / (response.along + soft);
                 let pressing = (impulse.x + along).max(0.0);
-                // The greater of the two compliances across keeps the sweeps from overshooting.
-                let across = 0.5 * (own[(1, 1)] + own[(2, 2)])
-                    + (0.25 * (own[(1, 1)] - own[(2, 2)]).powi(2) + own[(1, 2)].powi(2)).sqrt();
                 let moved = rows.fixed_rows::<2>(1)
-                    * (motion + reach[i].column(0) * (pressing - impulse.x));
-                let mut sideways = impulse.fixed_rows::<2>(1) - moved / (across + soft);
+                    * (motion + response.motion.column(0) * (pressing - impulse.x));
+                let mut sideways = impulse.fixed_rows::<2>(1) - moved / (response.across + soft);
                 let limit = friction * pressing;
                 if sideways.norm() > limit {
                     sideways *= limit / sideways.norm();
                 }
                 let next = Vector3::new(pressing, sideways.x, sideways.y);
                 let step = next - impulse;
-                motion += reach[i] * step;
-                self.impulses[i] = next;
+                motion += response.motion * step;
+                *kept = next;
                 change = change.max(step.norm());
                 largest = largest.max(next.norm());
             }
@@ -231,5 +223,26 @@ impl<const N: usize> FixtureImpulses<N> {
                 break;
             }
         }
+    }
+}
+
+/// Response to unit impulses at a contact point.
+struct PointResponse<const N: usize> {
+    /// Change of the velocities by an impulse along each direction of the frame.
+    motion: SMatrix<f64, N, 3>,
+    /// Change of the point's velocity along the normal (1/kg).
+    along: f64,
+    /// The greater of the two changes across it (1/kg), which keeps the sweeps from overshooting.
+    across: f64,
+}
+
+impl<const N: usize> PointResponse<N> {
+    fn new(rows: &SMatrix<f64, 3, N>, inverse: impl Fn(&Velocities<N>) -> Velocities<N>) -> Self {
+        let column = |i: usize| inverse(&rows.row(i).transpose());
+        let motion = SMatrix::from_columns(&[column(0), column(1), column(2)]);
+        let own = rows * motion;
+        let across = 0.5 * (own[(1, 1)] + own[(2, 2)])
+            + (0.25 * (own[(1, 1)] - own[(2, 2)]).powi(2) + own[(1, 2)].powi(2)).sqrt();
+        Self { motion, along: own[(0, 0)], across }
     }
 }

@@ -30,8 +30,8 @@ impl Root {
         Self { place, edges, borders, reach, steps }
     }
 
-    /// The `normal` turned so that the distance from the object grows by `rises` (m) along the edges
-    /// of the cell.
+    /// The `normal` turned so that the distance from the object grows by `rises` (m) along the
+    /// edges of the cell.
     fn risen(&self, normal: &Vector3<f64>, rises: [f64; 2]) -> Vector3<f64> {
         let along = |axis: usize| {
             let edge = &self.edges[axis];
@@ -93,6 +93,9 @@ pub(super) struct BristleContact {
 }
 
 impl BristleFace {
+    /// Number of bristles.
+    pub(super) const COUNT: usize = COUNTS[0] * COUNTS[1];
+
     pub(super) fn new(outline: &PadOutline) -> Self {
         let [across, along] = COUNTS;
         let cell = [outline.width / across as f64, outline.length / along as f64];
@@ -104,13 +107,9 @@ impl BristleFace {
             let edges = [Vector3::new(cell[0], 0.0, rise[0]), Vector3::new(0.0, cell[1], rise[1])];
             Root::new(Vector3::new(x, y, outline.height(x, y)), edges)
         };
-        let roots: Vec<_> = (0..across * along).map(root).collect();
+        let roots: Vec<_> = (0..Self::COUNT).map(root).collect();
         let reach = roots.iter().map(|root| root.reach).fold(0.0, f64::max);
         Self { roots, area: cell[0] * cell[1], reach, outline: *outline }
-    }
-
-    pub(super) fn count(&self) -> usize {
-        self.roots.len()
     }
 
     /// Replaces `touches` by the bristles in contact with `obstacle`, held at their `anchors`.
@@ -149,8 +148,8 @@ impl BristleFace {
 
     /// Adds the bristles that meet `obstacle`, with depths at the bristles.
     fn meet(&self, obstacle: &PlacedObject, touches: &mut Vec<BristleContact>) {
-        // Where the exact distance is known, it is larger than `reach` nearer to that place than the
-        // rest. The factor is far above rounding.
+        // Where the exact distance is known, it is larger than `reach` nearer to that place than
+        // the rest. The factor is far above rounding.
         let is_exact = obstacle.shape.distance_error() == 0.0;
         let (mut known, mut free) = (Vector3::zeros(), 0.0);
         for (bristle, root) in self.roots.iter().enumerate() {
@@ -242,8 +241,8 @@ impl BristleFace {
                     let [one, other] = &root.borders[axis];
                     return obstacle.beyond(face, one) - obstacle.beyond(face, other);
                 }
-                // Where a crease crosses the cell, the normal is the mean of those beside it. That of
-                // the middle alone would turn at once, and the object would jump.
+                // Where a crease crosses the cell, the normal is the mean of those beside it. That
+                // of the middle alone would turn at once, and the object would jump.
                 let [one, other] = &root.borders[axis];
                 let (one, its_normal) = obstacle.distance(one);
                 let (other, other_normal) = obstacle.distance(other);
