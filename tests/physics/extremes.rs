@@ -507,7 +507,7 @@ fn one_two_and_four_threads_give_the_same_bits() {
     let presses: Vec<_> = (1..=6).map(press).collect();
     let answers = [1, 2, 4].map(|threads| {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut fem = block(GEL, 3, rough(0.5));
+        let fem = block(GEL, 3, rough(0.5));
         let frames = pool.install(|| fem.solve(&presses));
         frames.into_iter().map(|frame| frame.unwrap().history).collect::<Vec<_>>()
     });

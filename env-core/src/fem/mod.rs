@@ -55,16 +55,16 @@ mod tests;
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 #[cfg(doc)]
 use crate::geometry::Shape;
 use crate::{
     Error, Result,
     contact::{Backing, ContactLaw, check_first, holds, is_engulfed},
-    deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
+    deformation::{
+        Deformation, DeformationModel, Drive, History, Press, SoftBody, solve_in_parallel,
+    },
     geometry::TetMesh,
-    interrupt::Interrupt,
 };
 
 use drive::PressSolver;
@@ -210,13 +210,10 @@ pub(crate) fn held_all_round(body: &SoftBody) -> Error {
 
 impl DeformationModel for Fem {
     /// Solves presses in parallel, each on one thread.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        let interrupt = Interrupt::current();
-        let last = |press: &Press| {
-            let frames = interrupt.during(|| self.solve_path(press));
-            frames.into_iter().next_back().expect("a press has a frame or an error")
-        };
-        presses.par_iter().map(last).collect()
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        let last =
+            |press: &Press| self.solve_path(press).pop().expect("a press has a frame or an error");
+        solve_in_parallel(presses, last)
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

@@ -7,7 +7,6 @@ use std::{
 };
 
 use nalgebra::{Isometry3, Unit, Vector3};
-use rayon::prelude::*;
 
 use super::{
     corrector::Corrector,
@@ -26,7 +25,7 @@ use crate::{
     contact::{Backing, SurfacePoint, clearance},
     deformation::{
         Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
-        Wrench,
+        Wrench, solve_frames, solve_in_parallel,
     },
     fem::Linearised,
     geometry::{PadMesh, PadOutline, Shape},
@@ -59,8 +58,6 @@ const UNBALANCED: f64 = 0.5;
 /// Penetration of a contact point beyond which an answer without contact force is not trusted (m):
 /// the penetration that finite elements allow where the pressure equals Young's modulus.
 const UNFELT: f64 = 2e-6;
-/// All optional parts of an answer.
-const ALL: Wanted = Wanted { stress: true, residual: true };
 /// Largest number of trials in a force-driven press, and relative tolerance of the force.
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
@@ -168,18 +165,9 @@ impl Surrogate {
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let (trained, is_plain) = (&self.trained, self.is_plain);
         match press.drive() {
-            Drive::Translation { .. } => {
-                let mut frames = Vec::new();
-                for linear in trained.linear.path(press) {
-                    frames.push(
-                        linear.and_then(|linear| trained.correct(press, linear, ALL, is_plain)),
-                    );
-                    if frames.last().is_some_and(Result::is_err) {
-                        break;
-                    }
-                }
-                frames
-            }
+            Drive::Translation { .. } => solve_frames(trained.linear.path(press), |linear| {
+                trained.correct(press, linear?, Wanted::ALL, is_plain)
+            }),
             Drive::Force { poses, force, direction } => {
                 vec![trained.push(press, poses, *force, direction, is_plain)]
             }
@@ -255,7 +243,7 @@ impl PadModel {
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
             let linear = self.linear.path(&same).swap_remove(0)?;
-            let answer = self.correct(press, linear, ALL, is_plain)?;
+            let answer = self.correct(press, linear, Wanted::ALL, is_plain)?;
             reached = answer.wrench.force.dot(direction);
             let moved = answer.poses[0].translation.vector - poses[0].translation.vector;
             travel = moved.dot(direction);
@@ -358,13 +346,12 @@ impl PadModel {
 
 impl DeformationModel for Surrogate {
     /// Solves the presses in parallel, each on one thread.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, ALL)
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.solve_partially(presses, Wanted::ALL)
     }
 
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
-        let model = &*self;
-        presses.par_iter().map(|press| model.last(press, wanted)).collect()
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        solve_in_parallel(presses, |press| self.last(press, wanted))
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

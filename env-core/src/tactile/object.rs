@@ -83,7 +83,7 @@ impl SoftObject {
         Ok(object)
     }
 
-    /// Model of the object. Solving needs a mutable model, so callers clone it.
+    /// Model of the object.
     pub fn model(&self) -> &SoftSurrogate {
         &self.surrogate
     }

@@ -7,7 +7,6 @@ use std::{
 };
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::{
     fast::{ObjectBuffers, ObjectInference},
@@ -20,7 +19,10 @@ use super::{
 };
 use crate::{
     Error, Result, compliance,
-    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench},
+    deformation::{
+        Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench, solve_frames,
+        solve_in_parallel,
+    },
     geometry::Shape,
     objects::tets_within,
     surrogate::{material::PadMaterial, parameters::Parameters, weights},
@@ -110,8 +112,9 @@ impl SoftSurrogate {
             Err(error) => return vec![Err(error)],
         };
         let mut scratch = ObjectBuffers::default();
-        let answers = self.0.linear.path(press).into_iter();
-        answers.map(|linear| Ok(self.0.correct(press, &half, linear?, &mut scratch))).collect()
+        solve_frames(self.0.linear.path(press), |linear| {
+            Ok(self.0.correct(press, &half, linear?, &mut scratch))
+        })
     }
 
     /// Returns whether an answer with that displacement (V, 3) in m lies within the range of the
@@ -180,21 +183,20 @@ impl ObjectNetwork {
 impl DeformationModel for SoftSurrogate {
     /// Solves the presses in parallel, each on one thread; the frames before the last are not
     /// corrected.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, Wanted { stress: true, residual: true })
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.solve_partially(presses, Wanted::ALL)
     }
 
     /// Performs [`DeformationModel::solve`]; the stress is always computed.
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self.0;
-        let last = |press: &Press| {
+        solve_in_parallel(presses, |press| {
             let half = Grip::half_extents(press)?;
             model.with_memory(|Memory { linear, network }| {
                 let linear = model.linear.last(press, wanted.residual, linear)?;
                 Ok(model.correct(press, &half, linear, network))
             })
-        };
-        presses.par_iter().map(last).collect()
+        })
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
