@@ -28,8 +28,6 @@ pub struct LinearPad {
     stress: LinearStress,
 }
 
-/// Parts of a full answer.
-const STRESSED: Wanted = Wanted { stress: true, residual: false };
 /// Nodes of the mesh whose stress is that away from contact.
 const NODES: usize = 2000;
 
@@ -98,12 +96,12 @@ impl LinearPad {
 }
 
 impl DeformationModel for LinearPad {
+    /// Solves the presses in parallel, each on one thread. The residual force is that of
+    /// hyperelastic elements on the mesh of the body.
     fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, STRESSED)
+        self.solve_partially(presses, Wanted::ALL)
     }
 
-    /// Solves the presses in parallel, each on one thread. The residual force is that of hyperelastic
-    /// elements on the mesh of the body.
     fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         solve_in_parallel(presses, |press| {
             let answer = self.linear.path(press).pop().expect("a press has a frame")?;
@@ -112,6 +110,6 @@ impl DeformationModel for LinearPad {
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        solve_frames(self.linear.path(press), |answer| self.fields(answer?, STRESSED))
+        solve_frames(self.linear.path(press), |answer| self.fields(answer?, Wanted::ALL))
     }
 }
