@@ -24,7 +24,15 @@ from extreme import BURIED, GELS, NETWORK, WrongError, lowered, press, shape, so
 from meshes import surface, turned, volumes
 from ruffini import Compliance, Deformation, Fem, LinearPad, PressError, SoftBody, Surrogate
 
-NAMED = ("not-converged", "penetrated", "inverted", "unreachable", "invalid", "network")
+NAMED = (
+    "not-converged",
+    "step-too-long",
+    "penetrated",
+    "inverted",
+    "unreachable",
+    "invalid",
+    "network",
+)
 TOLERANCE = 1e-7
 """Force that the finite elements may leave out of balance, up to 1 MPa (N)."""
 DEEPEST = 250 * 2e-6 * 1.001

@@ -18,10 +18,12 @@ pyo3::create_exception!(
     PressError,
     SimulationError,
     "A press that was not solved, as it stands in the list of answers.\n\n\
-     `kind` names the reason: \"not-converged\" (no equilibrium, however small the load step),\n\
+     `kind` names the reason, mostly \"not-converged\" (no equilibrium, however small the load step),\n\
+     \"step-too-long\" (shape and surface pass through each other, however small the load step),\n\
      \"penetrated\" (a shape was led deep into the body, past nodes that are held), \"inverted\" (a\n\
      linear answer turned part of the body inside out), \"unreachable\" (the shapes never press with\n\
-     the force asked for) or \"invalid\" (a history of another body). The text has the figures."
+     the force asked for) or \"invalid\" (a history of another body); its annotation lists all. The\n\
+     text has the figures."
 );
 
 /// Converts an error: bad arguments become a `ValueError`, all others a `SimulationError`.

@@ -16,6 +16,7 @@ use crate::{
         ContactLaw, ContactStep, Touch, backed_off, check_first, engulfs_unfelt, holds, is_engulfed,
     },
     deformation::{Anchor, History, Press, Wrench},
+    error::StepDefect,
     fem::SolverWorkspace,
     geometry::Shape,
 };
@@ -198,12 +199,11 @@ impl<'a> LoadStepping<'a> {
     /// Attempts one load step to `poses` and returns the state it ends in.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {
         if self.runs_over(poses) {
-            return Err(missed(self.settings.tolerance));
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
-        let Settings { law, tolerance, .. } = self.settings;
         let shapes = self.shapes;
-        let (path, limits) = ([&self.state.poses[..], poses], [RUN_OVER * law.softness, tolerance]);
-        self.condensed.backing.check(shapes, path, limits)?;
+        let most = RUN_OVER * self.settings.law.softness;
+        self.condensed.backing.check(shapes, [&self.state.poses, poses], most)?;
         self.cover(poses);
         loop {
             let state = self.attempt_in_zone(poses)?;
@@ -212,7 +212,7 @@ impl<'a> LoadStepping<'a> {
             match self.zone.grown(self.condensed, shapes, poses, displacement, &near) {
                 Some(facets) => self.enter_zone(facets),
                 None if self.engulfs_unfelt(&state) => {
-                    return Err(missed(self.settings.tolerance));
+                    return Err(Error::StepTooLong { defect: StepDefect::Engulfed });
                 }
                 None => return Ok(state),
             }
@@ -269,7 +269,7 @@ impl<'a> LoadStepping<'a> {
         let law = &self.settings.law;
         let displaced = zone.pick(&field.displacement);
         if contact.step.goes_through(poses, &places(zone, &displaced), RUN_OVER * law.softness) {
-            return Err(missed(self.settings.tolerance));
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         let back = |touch: &_| stuck_at(law, zone, touch);
         let anchors = zone.anchors_out(contact.step.anchors(poses, &touches, back));
@@ -309,11 +309,6 @@ impl<'a> LoadStepping<'a> {
     pub(super) fn zone_places(&self) -> Vec<Point3<f64>> {
         places(&self.zone, &self.zone.pick(&self.state.field.displacement))
     }
-}
-
-/// Error of a load step in which a shape and the surface pass each other without contact.
-fn missed(tolerance: f64) -> Error {
-    Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance }
 }
 
 /// Positions of the zone's surface points with its nodes displaced (m).

@@ -8,6 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::leap::runs_through;
 use crate::{
     Error, Result,
+    error::StepDefect,
     geometry::{Distance, Shape},
 };
 
@@ -92,13 +93,12 @@ impl Backing {
     }
 
     /// Returns an error if one of the `shapes` contains a point deeper than `most` (m) at its pose
-    /// `to`, or moved over one by as much from its pose `from` to there. The latter is reported as
-    /// a step that has not converged to the `tolerance` (N).
+    /// `to`, or moved over one by as much from its pose `from` to there.
     pub fn check(
         &self,
         shapes: &[Shape],
         [from, to]: [&[Isometry3<f64>]; 2],
-        [most, tolerance]: [f64; 2],
+        most: f64,
     ) -> Result<()> {
         let (mut deepest, mut through) = (0f64, false);
         for (shape, (from, to)) in shapes.iter().zip(from.iter().zip(to)) {
@@ -132,8 +132,10 @@ impl Backing {
         if deepest > most {
             return Err(Error::Penetrated { depth: deepest, most });
         }
-        let missed = Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance };
-        if through { Err(missed) } else { Ok(()) }
+        if through {
+            return Err(Error::StepTooLong { defect: StepDefect::PassedBacking });
+        }
+        Ok(())
     }
 }
 
@@ -176,9 +178,16 @@ mod tests {
     fn a_shape_moved_out_of_held_faces_is_accepted_there() {
         let ring = Shape::Annulus { outer: 12e-3, inner: 8e-3, half_height: 3e-3 };
         let pose = Isometry3::new(Vector3::new(-2e-3, -20e-3, -3e-3), Vector3::new(0.4, 0.3, 0.2));
-        let limits = [2e-5, 0.0];
-        let check = |pose| plate().check(std::slice::from_ref(&ring), [&[pose], &[pose]], limits);
+        let check = |pose| plate().check(std::slice::from_ref(&ring), [&[pose], &[pose]], 2e-5);
         assert!(matches!(check(pose), Err(Error::Penetrated { .. })), "{:?}", check(pose));
         assert_eq!(check(plate().outside(&ring, &pose)), Ok(()));
+    }
+
+    #[test]
+    fn a_step_that_leads_a_shape_through_held_faces_is_too_long() {
+        let ball = [Shape::Sphere { radius: 1e-3 }];
+        let path = [2e-3, -9e-3].map(|z| [Isometry3::translation(0.0, 0.0, z)]);
+        let found = plate().check(&ball, [&path[0], &path[1]], 2e-5).unwrap_err();
+        assert_eq!(found, Error::StepTooLong { defect: StepDefect::PassedBacking });
     }
 }

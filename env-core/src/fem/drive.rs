@@ -235,5 +235,8 @@ impl<'a> PressSolver<'a> {
 
 /// Returns whether a shorter load step may avoid `error`.
 pub(super) fn is_too_long(error: &Error) -> bool {
-    matches!(error, Error::NotConverged { .. } | Error::Penetrated { .. })
+    matches!(
+        error,
+        Error::NotConverged { .. } | Error::StepTooLong { .. } | Error::Penetrated { .. }
+    )
 }

@@ -270,7 +270,10 @@ pub(super) fn answer<'py>(
         Err(error) => {
             let unsolved = matches!(
                 error,
-                Error::Penetrated { .. } | Error::Inverted | Error::NotConverged { .. }
+                Error::Penetrated { .. }
+                    | Error::Inverted
+                    | Error::NotConverged { .. }
+                    | Error::StepTooLong { .. }
             );
             let hint = if unsolved { too_deep(&press.inner, &body.get().inner) } else { None };
             press_error(py, &error, hint.as_deref())

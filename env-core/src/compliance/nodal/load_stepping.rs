@@ -19,6 +19,7 @@ use crate::{
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
+    error::StepDefect,
     fem::FemOptions,
     geometry::Shape,
 };
@@ -115,8 +116,7 @@ impl<'a> NodalLoadStepping<'a> {
         self.work = 0;
         solve_in_steps(self, length, retry, |stepping, t| {
             if stepping.work > stepping.resolution.work {
-                let (residual, tolerance) = (f64::INFINITY, 0.0);
-                return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
+                return Err(Error::StepTooLong { defect: StepDefect::OverWorkLimit });
             }
             stepping.state = stepping.attempt(&between(&from, poses, t))?;
             sweeps += stepping.state.sweeps;
@@ -357,8 +357,7 @@ impl<'a> NodalLoadStepping<'a> {
         self.work += sweeps * patch.touching().pow(2);
         settled?;
         if patch.leaps() {
-            let (residual, tolerance) = (f64::INFINITY, 0.0);
-            return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         if patch.folds() {
             return Err(Error::Inverted);
@@ -369,8 +368,7 @@ impl<'a> NodalLoadStepping<'a> {
         let held = patch.held();
         let wrench = Wrench::of_forces(held.iter().map(|(held, place)| (held.force, place.coords)));
         if !wrench.force.iter().chain(wrench.torque.iter()).all(|x| x.is_finite()) {
-            let residual = f64::INFINITY;
-            return Err(Error::NotConverged { iterations: sweeps, residual, tolerance: 0.0 });
+            return Err(Error::StepTooLong { defect: StepDefect::NotFinite });
         }
         let amplitude = patch.amplitude();
         let held = held.into_iter().map(|(held, _)| held).collect();
@@ -381,16 +379,14 @@ impl<'a> NodalLoadStepping<'a> {
     /// the body without touching a node.
     fn check_inside(&self, state: &NodalState) -> Result<()> {
         let condensed = &self.levels[0].condensed;
-        let (path, limits) =
-            ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
-        condensed.backing.check(self.shapes, path, limits)?;
+        let most = UNFELT * self.law.softness;
+        condensed.backing.check(self.shapes, [&self.state.poses, &state.poses], most)?;
         for (s, (shape, pose)) in self.shapes.iter().zip(&state.poses).enumerate() {
             if state.held.iter().any(|held| held.shape as usize == s) {
                 continue;
             }
             if self.levels[0].engulfs(shape, pose) {
-                let (residual, tolerance) = (f64::INFINITY, 0.0);
-                return Err(Error::NotConverged { iterations: state.sweeps, residual, tolerance });
+                return Err(Error::StepTooLong { defect: StepDefect::Engulfed });
             }
         }
         Ok(())
