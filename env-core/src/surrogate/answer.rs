@@ -242,7 +242,14 @@ impl PadModel {
         let mut last = None;
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
-            let linear = self.linear.path(&same).swap_remove(0)?;
+            // The linear answer may not reach the force of a trial.
+            let of_press = |error| match error {
+                Error::Unreachable { .. } if last.is_some() => {
+                    Error::Unreachable { force, reached, travel }
+                }
+                other => other,
+            };
+            let linear = self.linear.path(&same).swap_remove(0).map_err(of_press)?;
             let answer = self.correct(press, linear, Wanted::ALL, is_plain)?;
             reached = answer.wrench.force.dot(direction);
             let moved = answer.poses[0].translation.vector - poses[0].translation.vector;
