@@ -132,7 +132,7 @@ impl Contact<'_> {
         let place = |point: &SurfacePoint| point.place(&zone.places, displacement);
         let places: Vec<Point3<f64>> = zone.surface.iter().map(place).collect();
         let touches = self.step.touches(self.poses, &places);
-        let deep = |touch: &Touch| touch.depth > 10.0 * self.law.softness;
+        let deep = |touch: &Touch| touch.depth > self.law.deep();
         let through = |touch: &Touch| deep(touch) && self.step.passed_through(touch, self.poses);
         (!touches.iter().any(through)).then_some(touches)
     }

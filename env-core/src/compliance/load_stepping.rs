@@ -29,8 +29,6 @@ const LONG: f64 = 5e-4;
 /// Greatest depth by which a shape with edges sinks in within one load step (m). In longer steps a
 /// surface point may come nearer to the wrong face of an edge and be pushed out there.
 pub(super) const EDGE_STEP: f64 = 2.5e-4;
-/// Depth that a point must have reached in a shape to count as run over, in softnesses.
-const RUN_OVER: f64 = 10.0;
 
 /// Greatest relative difference between the loads of a linear solution and its contact forces.
 const LINEAR: f64 = 1e-3;
@@ -202,7 +200,7 @@ impl<'a> LoadStepping<'a> {
             return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         let shapes = self.shapes;
-        let most = RUN_OVER * self.settings.law.softness;
+        let most = self.settings.law.deep();
         self.condensed.backing.check(shapes, [&self.state.poses, poses], most)?;
         self.cover(poses);
         loop {
@@ -242,7 +240,7 @@ impl<'a> LoadStepping<'a> {
         let surface = &self.condensed.surface;
         let places = surface.iter().map(|point| point.place(rest.places(), displacement)).collect();
         ContactStep::new(shapes, surface, from.clone(), places, &[])
-            .runs_over(poses, RUN_OVER * self.settings.law.softness)
+            .runs_over(poses, self.settings.law.deep())
     }
 
     /// Attempts the step of [`LoadStepping::attempt`] with contact in the present zone only.
@@ -268,7 +266,7 @@ impl<'a> LoadStepping<'a> {
         let iterations = solution.iterations;
         let law = &self.settings.law;
         let displaced = zone.pick(&field.displacement);
-        if contact.step.goes_through(poses, &places(zone, &displaced), RUN_OVER * law.softness) {
+        if contact.step.goes_through(poses, &places(zone, &displaced), law.deep()) {
             return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         let back = |touch: &_| stuck_at(law, zone, touch);

@@ -1,19 +1,18 @@
 //! Held faces of a body: they are rigid, shapes must not enter them, and contact there exerts no
 //! force.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::leap::runs_through;
+use super::{
+    groups::{PointGroup, ball},
+    leap::runs_through,
+};
 use crate::{
     Error, Result,
     error::StepDefect,
     geometry::{Distance, Shape},
 };
 
-/// Side of the cubes in which points are grouped (m).
-const BOX: f64 = 3.5e-3;
 /// Most moves of a shape out of the held faces. A second is needed at a concave side or a corner.
 const MOVES: usize = 20;
 
@@ -27,28 +26,12 @@ pub struct Backing {
     ball: (Point3<f64>, f64),
 }
 
-/// Points in one cube.
-struct PointGroup {
-    centre: Point3<f64>,
-    /// Distance of the farthest point from the centre (m).
-    radius: f64,
-    places: Vec<Point3<f64>>,
-}
-
 impl Backing {
     /// Groups the fixed points at these `places` (m).
     pub fn new(places: impl Iterator<Item = Point3<f64>>) -> Self {
-        let mut boxes: BTreeMap<[i64; 3], Vec<Point3<f64>>> = BTreeMap::new();
-        for place in places {
-            let index = [place.x, place.y, place.z].map(|x| (x / BOX).floor() as i64);
-            boxes.entry(index).or_default().push(place);
-        }
-        let all: Vec<_> = boxes.values().flatten().copied().collect();
-        let group = |places: Vec<Point3<f64>>| {
-            let (centre, radius) = ball(&places);
-            PointGroup { centre, radius, places }
-        };
-        Self { groups: boxes.into_values().map(group).collect(), ball: ball(&all) }
+        let groups = PointGroup::groups((0..).zip(places));
+        let all: Vec<_> = groups.iter().flat_map(|group| &group.places).copied().collect();
+        Self { groups, ball: ball(&all) }
     }
 
     /// Moves a shape at `pose` that contains points out of the held faces, along its normal at the
@@ -74,7 +57,7 @@ impl Backing {
             return None;
         }
         let mut deepest = Distance { value: -ROUNDING, normal: Vector3::zeros() };
-        for PointGroup { centre, radius, places } in &self.groups {
+        for PointGroup { centre, radius, places, .. } in &self.groups {
             let at_centre = distance(centre).value;
             // From place to place, a distance changes by at most the way between them.
             if at_centre - radius >= deepest.value {
@@ -105,7 +88,7 @@ impl Backing {
             let gap = |p: &Point3<f64>| shape.distance(p).value;
             let path = |p: &Point3<f64>| [from, to].map(|pose| pose.inverse_transform_point(p));
             let angle = from.rotation.angle_to(&to.rotation);
-            for PointGroup { centre, radius, places } in &self.groups {
+            for PointGroup { centre, radius, places, .. } in &self.groups {
                 let [begin, end] = path(centre);
                 let at_centre = gap(&end);
                 if at_centre > (1.0 + angle) * radius + (end - begin).norm() {
@@ -137,15 +120,6 @@ impl Backing {
         }
         Ok(())
     }
-}
-
-/// Mean of the `places` and distance of the farthest from it (m); the radius is below zero if there
-/// are none.
-fn ball(places: &[Point3<f64>]) -> (Point3<f64>, f64) {
-    let sum = places.iter().map(|p| p.coords).sum::<Vector3<f64>>();
-    let centre = Point3::from(sum / places.len().max(1) as f64);
-    let radius = places.iter().map(|p| (p - centre).norm()).fold(f64::NEG_INFINITY, f64::max);
-    (centre, radius)
 }
 
 #[cfg(test)]

@@ -44,6 +44,12 @@ impl ContactLaw {
         Ok(Self { softness, friction })
     }
 
+    /// Depth at which the pressure is ten times Young's modulus (m): a deeper point is checked for
+    /// having passed through the shape, and no shape may enter held faces deeper.
+    pub fn deep(&self) -> f64 {
+        10.0 * self.softness
+    }
+
     /// Normal stiffness k (Pa/m).
     fn stiffness(&self, point: &SurfacePoint) -> f64 {
         point.young / self.softness

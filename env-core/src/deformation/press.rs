@@ -97,7 +97,7 @@ pub struct Deformation {
     pub poses: Vec<Isometry3<f64>>,
     /// History from which a later press may continue.
     pub history: History,
-    /// Newton steps taken since the last frame.
+    /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
     pub iterations: usize,
     /// Norm of the residual force (N).
     pub residual: f64,

@@ -45,7 +45,7 @@ impl PressSolver<'_> {
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors)
             .with_seen(self.state.displacement.clone(), std::mem::take(&mut self.seen));
         contact.one_sided = self.one_sided;
-        if contact.runs_over(&poses, system.deepest()) {
+        if contact.runs_over(&poses, system.law.deep()) {
             return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         self.attend(&mut contact, shapes, &poses, push.is_some(), &places);
@@ -59,14 +59,14 @@ impl PressSolver<'_> {
         let (balance, forces) =
             equilibrium(system, solver, &mut state, &mut contact, push, &self.limits)?;
         let places = system.surface_places(&state.displacement);
-        if contact.goes_through(&state.poses, &places, system.deepest()) {
+        if contact.goes_through(&state.poses, &places, system.law.deep()) {
             return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         let felt = |s| forces.touches.iter().any(|touch| touch.shape == s);
         if engulfs_unfelt(shapes, &state.poses, felt, self.mesh, &state.displacement) {
             return Err(Error::StepTooLong { defect: StepDefect::Engulfed });
         }
-        system.backing.check(shapes, [&self.state.poses, &state.poses], system.deepest())?;
+        system.backing.check(shapes, [&self.state.poses, &state.poses], system.law.deep())?;
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = system.refused();
         if depth > most {

@@ -212,7 +212,7 @@ impl CondensedSystem<'_> {
         let places: Vec<_> = points.iter().zip(start).map(moved).collect::<Option<_>>()?;
         let touches = contact.touches_among(points, self.poses, &places);
         let through = |touch: &Touch| {
-            touch.depth > self.system.deepest() && contact.passed_through(touch, self.poses)
+            touch.depth > self.system.law.deep() && contact.passed_through(touch, self.poses)
         };
         (!touches.iter().any(through)).then_some(touches)
     }

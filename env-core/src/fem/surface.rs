@@ -14,13 +14,13 @@ use nalgebra::{DMatrix, Point3, Vector2, Vector3};
 
 use super::{
     element::{Element, Nodes},
-    patches::{FACES, faces},
+    patches::faces,
     spacing::{Spacing, longest_edge},
 };
 use crate::{
     contact::{Backing, SurfacePoint},
     deformation::SoftBody,
-    geometry::TetMesh,
+    geometry::{FACES, TetMesh},
 };
 
 /// Cosine of the angle between a face and the mean normal at its node below which the node lies on

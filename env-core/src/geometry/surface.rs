@@ -308,6 +308,23 @@ fn subdivide(directions: &mut Vec<Vector3<f64>>, triangles: &[[u32; 3]]) -> Vec<
     finer
 }
 
+/// Outward unit normals at the `vertices` of `triangles`: means weighted by area, zero where there is
+/// none.
+pub(crate) fn vertex_normals(
+    vertices: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::<f64>::zeros(); vertices.len()];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|vertex| vertices[vertex as usize]);
+        let twice_area = (b - a).cross(&(c - a));
+        for &vertex in triangle {
+            normals[vertex as usize] += twice_area;
+        }
+    }
+    normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

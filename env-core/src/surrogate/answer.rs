@@ -57,7 +57,7 @@ struct PadModel {
 const UNBALANCED: f64 = 0.5;
 /// Penetration of a contact point beyond which an answer without contact force is not trusted (m):
 /// the penetration that finite elements allow where the pressure equals Young's modulus.
-const UNFELT: f64 = 2e-6;
+const PENETRATION: f64 = 2e-6;
 /// Largest number of trials in a force-driven press, and relative tolerance of the force.
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
@@ -220,7 +220,7 @@ impl Surrogate {
             let place = |point: &SurfacePoint| point.place(elements.places(), displacement);
             let skin = skin.get_or_init(|| elements.surface(body).0);
             let places: Vec<_> = skin.iter().map(place).collect();
-            clearance(shapes, poses, &places) > -UNFELT
+            clearance(shapes, poses, &places) > -PENETRATION
         };
         is_usual && card.data.covers(gel, displacement)
     }

@@ -16,8 +16,9 @@ use super::{
     train::{Loss, Network},
 };
 
-/// Weights of displacement, stress, nodal forces and net force in the loss.
-const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
+/// Weights of displacement, stress, nodal forces and net force, of a squeeze that of its fingers, in
+/// the loss.
+pub(super) const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
 /// Root mean square of the displacement of a press with half of the greatest weight, in units of the
 /// thickness: 2 µm in a pad of 4 mm.
 const HARDLY_MOVED: f64 = 5e-4;

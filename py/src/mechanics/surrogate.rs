@@ -262,10 +262,7 @@ impl CalibratedGel {
         [young, poisson, friction]: [Option<f64>; 3],
     ) -> Result<Self> {
         let sensor = Sensor::open(name)?;
-        let known = match calibration {
-            Some(name) => sensor.calibration(name)?,
-            None => &sensor.calibrations[0],
-        };
+        let known = sensor.calibration(calibration)?;
         let moduli = Moduli {
             young: young.unwrap_or(known.young),
             poisson: poisson.unwrap_or(known.poisson),

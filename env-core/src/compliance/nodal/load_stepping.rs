@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     super::push::{ForceControlled, push},
     between::{ContactTriangle, Standing, watched},
-    contact_nodes::{ContactNodes, Group},
+    contact_nodes::ContactNodes,
     grid::CellGrid,
     patch::{Move, NodalScratch, Patch},
     resolution::ContactResolution,
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, between, clearance, gap},
+    contact::{ContactLaw, PointGroup, between, clearance, gap},
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
@@ -28,8 +28,6 @@ use crate::{
 const LONGEST_STEP: f64 = 5e-4;
 /// Allowance added to the motion of the shapes when the nodes near them are selected (m).
 const MARGIN: f64 = 1e-4;
-/// Depth by which a shape may enter the held faces, in softnesses.
-const UNFELT: f64 = 10.0;
 /// Most cells of a level that are searched for a first touch.
 const WIDE: usize = 24_000;
 /// Least breadth and thickness, in sides of a cell, of a wall that cells resolve. A strip in any
@@ -128,7 +126,7 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Greatest motion of a shape between two poses, measured at the groups of nodes (m).
     fn motion(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
-        let moved = |group: &Group| {
+        let moved = |group: &PointGroup| {
             (to * from.inverse_transform_point(&group.centre) - group.centre).norm()
         };
         self.levels[0].groups.iter().map(moved).fold(0.0, f64::max)
@@ -379,7 +377,7 @@ impl<'a> NodalLoadStepping<'a> {
     /// the body without touching a node.
     fn check_inside(&self, state: &NodalState) -> Result<()> {
         let condensed = &self.levels[0].condensed;
-        let most = UNFELT * self.law.softness;
+        let most = self.law.deep();
         condensed.backing.check(self.shapes, [&self.state.poses, &state.poses], most)?;
         for (s, (shape, pose)) in self.shapes.iter().zip(&state.poses).enumerate() {
             if state.held.iter().any(|held| held.shape as usize == s) {

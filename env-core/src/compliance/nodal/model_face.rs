@@ -41,7 +41,7 @@ pub(super) struct ModelFace {
     pub(super) nodes: Vec<Point3<f64>>,
     /// Rotations from the frames of the layer under the nodes to that of the pad (C).
     tilts: Vec<Matrix3<f32>>,
-    /// What the sides change.
+    /// Influence of the sides on displacement.
     pub(super) sides: SideField,
     triangles: Vec<[u32; 3]>,
     /// Triangles that a square of the plan may touch, row after row along y.

@@ -10,19 +10,16 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     between::FELT,
-    contact_nodes::{ContactNodes, Group, NodeCompliance},
+    contact_nodes::{ContactNodes, NodeCompliance},
     spots::Spots,
     state::{Held, forces},
 };
 use crate::{
-    contact::{ContactLaw, SurfacePoint, first_touch, gap, nearest, went_through},
+    contact::{ContactLaw, PointGroup, SurfacePoint, first_touch, gap, nearest, went_through},
     geometry::{Distance, Shape},
     simd::PIECE,
 };
 
-/// Depth that a node must have reached in a shape to count as having passed through it, in
-/// softnesses.
-const RUN_OVER: f64 = 10.0;
 /// Least cosine between the normal of a shape where a node entered it and that at its nearest point
 /// to the node. If they differ by more, the node is pushed out where it entered.
 const TURNED: f64 = 0.5;
@@ -119,7 +116,7 @@ impl<'a> Patch<'a> {
         let mut ranks: Vec<u32> = match &nodes.compliance {
             NodeCompliance::Matrix(..) => {
                 let near = nodes.groups.iter().filter(|group| is_near(motion, group, room));
-                near.flat_map(|group| group.ranks.iter().copied()).collect()
+                near.flat_map(|group| group.numbers.iter().copied()).collect()
             }
             NodeCompliance::Grid(grid) => {
                 grid.near((motion.shapes, motion.to), &forces, [room, reach], most)?
@@ -232,7 +229,7 @@ impl<'a> Patch<'a> {
         let (_, stuck) = *member
             .stuck
             .insert(stuck.unwrap_or_else(|| (shape, self.motion.touch(shape, &member.start))));
-        let entered = (distance.value < -RUN_OVER * self.law.softness)
+        let entered = (distance.value < -self.law.deep())
             .then(|| entered(form, &stuck, &pose.inverse_transform_point(place)))
             .flatten()
             .map(|Distance { value, normal }| Distance { value, normal: pose.rotation * normal })
@@ -308,7 +305,7 @@ impl<'a> Patch<'a> {
 
     /// Returns whether a node passed through a shape in this step.
     pub(super) fn leaps(&self) -> bool {
-        let depth = RUN_OVER * self.law.softness;
+        let depth = self.law.deep();
         self.members.iter().any(|member| {
             let place = self.place(member);
             let near = member.seen.1 - (place - member.seen.0).norm();
@@ -467,7 +464,7 @@ fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix
 }
 
 /// Returns whether a node of `group`, displaced by less than `room` (m), may be near a shape.
-fn is_near(motion: Move, group: &Group, room: f64) -> bool {
+fn is_near(motion: Move, group: &PointGroup, room: f64) -> bool {
     motion.shapes.iter().zip(motion.to).any(|(shape, pose)| {
         let centre = pose.inverse_transform_point(&group.centre);
         shape.distance(&centre).value < group.radius + room

@@ -1,10 +1,10 @@
-//! Choices of how finely contact on cells is resolved.
+//! Resolution of contact on cells.
 
 use std::str::FromStr;
 
 use crate::{Error, Result};
 
-/// How finely contact is resolved on a body with several grids of cells.
+/// Fineness of contact on a body with several grids of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactResolution {
     /// Number of grids, each with cells half as long as those of the one before.

@@ -1,7 +1,7 @@
 //! Influence of the sides of a pad on displacement between its contact cells.
 //!
-//! What the sides, the rim and the curved face change against an elastic layer ([`Sides`]) is smooth,
-//! and is taken between tractions that fall off linearly around the cells of the first grid.
+//! The change by the sides, the rim and the curved face against an elastic layer ([`Sides`]) is
+//! smooth, and is taken between tractions that fall off linearly around the cells of the first grid.
 //!
 //! Shapes: C cells of the first grid.
 

@@ -13,7 +13,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{gels::Pad, patch::PaperPatch};
 use crate::{
     Error, Result,
-    surrogate::ops::{Edges, Sparse},
+    surrogate::{
+        ops::{Edges, Sparse},
+        train::mirror_signs,
+    },
 };
 
 /// Number of features of a node: kind (free, bonded, object), position, displacement since touch in
@@ -65,11 +68,6 @@ pub(super) struct Links {
     pub(super) sums: Arc<Sparse>,
 }
 
-/// Signs of x, y and z in mirror 0 to 3: none, x, y, both.
-pub(super) fn signs(mirror: usize) -> [f64; 3] {
-    [mirror & 1, mirror >> 1 & 1, 0].map(|flip| if flip == 1 { -1.0 } else { 1.0 })
-}
-
 impl PaperScene {
     /// Builds the graph of `push` by the surface in `patch`, which touches `pad`, seen in a mirror;
     /// an error if nothing is near the gel.
@@ -87,7 +85,7 @@ impl PaperScene {
             PaperPush::Force(_) => at_touch.collect(),
         };
         let places: Vec<_> = graph.places.iter().chain(&object).copied().collect();
-        let signs = Vector3::from(signs(mirror));
+        let signs = Vector3::from(mirror_signs(mirror));
         let offset = |a: u32, b: u32| {
             (places[a as usize] - places[b as usize]).component_mul(&signs) / length
         };
