@@ -135,8 +135,8 @@ impl<'a> LoadStepping<'a> {
         Ok(stepping)
     }
 
-    /// Places the shapes at the poses `first`, backed off from the body at rest; returns an error if
-    /// one is wholly inside it.
+    /// Places the shapes at the poses `first`, backed off from the body at rest; returns an error
+    /// if one is wholly inside it.
     fn approach(&mut self, first: &[Isometry3<f64>]) -> Result<()> {
         self.cover(first);
         let places = self.zone_places();

@@ -3,9 +3,9 @@
 //! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), reduced to a
 //! dense compliance matrix between the nodes of the surface. Contact has the same surface points,
 //! law and history as there ([`crate::contact`]), and a press may continue from a history of either
-//! model. Large strain is neglected, unless [`ComplianceOptions::corrections`] are asked for: each is
-//! a step of modified Newton with the stiffness at rest and the forces of the body's own law. It is
-//! accepted only if it lowers the residual force, which
+//! model. Large strain is neglected, unless [`ComplianceOptions::corrections`] are asked for: each
+//! is a step of modified Newton with the stiffness at rest and the forces of the body's own law. It
+//! is accepted only if it lowers the residual force, which
 //! [`Deformation::residual`](crate::deformation::Deformation) reports.
 //!
 //! A body is held by fixed nodes, or is free ([`Compliance::free`]) and held by contact alone.

@@ -132,8 +132,8 @@ impl Push {
         Ok(state)
     }
 
-    /// Moves the shapes in load steps until the force is met or passed, and then finds it within the
-    /// last step; `None` if it is never met.
+    /// Moves the shapes in load steps until the force is met or passed, and then finds it within
+    /// the last step; `None` if it is never met.
     fn reach<D: ForceControlled>(&mut self, body: &mut D) -> Option<()> {
         let mut size = EDGE_STEP;
         for _ in 0..MOST {

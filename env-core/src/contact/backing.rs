@@ -48,8 +48,8 @@ impl Backing {
         *pose
     }
 
-    /// Distance of the deepest point inside `shape` at `pose`, with the normal in the shape's frame;
-    /// `None` if there is none deeper than [`ROUNDING`].
+    /// Distance of the deepest point inside `shape` at `pose`, with the normal in the shape's
+    /// frame; `None` if there is none deeper than [`ROUNDING`].
     fn deepest(&self, shape: &Shape, pose: &Isometry3<f64>) -> Option<Distance> {
         let distance = |place| shape.distance(&pose.inverse_transform_point(place));
         let (centre, radius) = &self.ball;

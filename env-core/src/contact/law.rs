@@ -76,8 +76,8 @@ impl ContactLaw {
     }
 
     /// Share of the normal force of a contact that its sliding points bear: those whose friction is
-    /// at its limit. `forces` are the force on each point and the outward normal of the shape there;
-    /// 0 without contact.
+    /// at its limit. `forces` are the force on each point and the outward normal of the shape
+    /// there; 0 without contact.
     ///
     /// Sliding begins at the rim of a contact and spreads inwards (Cattaneo, Mindlin); optical
     /// fingertips detect it in the non-uniform motion of their markers (Hu et al.,
@@ -148,8 +148,8 @@ impl ContactLaw {
     }
 
     /// Term that appears at a point that slips, or has no friction, when the shape is curved, and
-    /// that [`ContactLaw::hessian`] leaves out: the derivative of minus the traction with respect to
-    /// the normal n, times ∂n/∂x (Pa/m). With s the slip, it is −k δ ∂n/∂x − μp/|s| ((1 − ŝ ⊗ ŝ)
+    /// that [`ContactLaw::hessian`] leaves out: the derivative of minus the traction with respect
+    /// to the normal n, times ∂n/∂x (Pa/m). With s the slip, it is −k δ ∂n/∂x − μp/|s| ((1 − ŝ ⊗ ŝ)
     /// ∂n/∂x (n·w) + n ⊗ ∂n/∂x s), where w leads from the sticking place to the point.
     pub fn curvature_term(&self, point: &SurfacePoint, touch: &Touch, bend: &Bend) -> Matrix3<f64> {
         let (turn, pressure) = (&bend.turn, self.stiffness(point) * touch.depth);

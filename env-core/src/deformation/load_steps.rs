@@ -72,8 +72,8 @@ pub(crate) fn solve_frames<F, T>(
 /// Moves a `solver` from 0 to 1 by load steps of adaptive size. `length` returns the part of the
 /// motion that the next step covers, and may lower its size; `solve` is given the part to reach. A
 /// step that fails is tried again with half the size if `retry` allows it, given the error and that
-/// size. Returns the result of the last step, or the error that ends the motion: a request to end it
-/// is obeyed before every step.
+/// size. Returns the result of the last step, or the error that ends the motion: a request to end
+/// it is obeyed before every step.
 pub(crate) fn solve_in_steps<S, T>(
     solver: &mut S,
     length: impl Fn(&S, &mut NextStep) -> f64,

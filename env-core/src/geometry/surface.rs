@@ -308,8 +308,8 @@ fn subdivide(directions: &mut Vec<Vector3<f64>>, triangles: &[[u32; 3]]) -> Vec<
     finer
 }
 
-/// Outward unit normals at the `vertices` of `triangles`: means weighted by area, zero where there is
-/// none.
+/// Outward unit normals at the `vertices` of `triangles`: means weighted by area, zero where there
+/// is none.
 pub(crate) fn vertex_normals(
     vertices: &[Point3<f64>],
     triangles: &[[u32; 3]],

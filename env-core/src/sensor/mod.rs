@@ -75,8 +75,8 @@ pub struct Calibration {
     /// Source of the calibration, or empty.
     #[serde(default)]
     pub source: String,
-    /// Elastic foundation fitted to the finite-element model of the gel; that of the `GelSight` Mini
-    /// if `None`.
+    /// Elastic foundation fitted to the finite-element model of the gel; that of the `GelSight`
+    /// Mini if `None`.
     #[serde(default)]
     pub elastic_foundation: Option<ElasticFoundation>,
 }

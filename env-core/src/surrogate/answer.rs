@@ -194,8 +194,8 @@ impl Surrogate {
     ///
     /// Poisson's ratio, friction and largest displacement must lie within those of the data. If
     /// there is contact force, the amplitude, the net force and the number of nodes that bear it
-    /// must lie within [`TrainingBounds`], and the residual must be at most half the net force. Otherwise no
-    /// contact point of finite elements may penetrate a shape.
+    /// must lie within [`TrainingBounds`], and the residual must be at most half the net force.
+    /// Otherwise no contact point of finite elements may penetrate a shape.
     ///
     /// [`TrainingBounds`]: super::TrainingBounds
     pub fn is_in_distribution(

@@ -34,16 +34,16 @@ const WIDE: usize = 24_000;
 /// direction that is thicker than a side and at least 2.7 sides long covers the centre of a cell in
 /// every row that it crosses. The thickness has a margin of a fifth for walls that lean.
 const WALL: [f64; 2] = [4.0, 1.2];
-/// More touching cells than the edge of a thin wall can have: a strip three cells wide, across a pad
-/// and back. Where more touch, the wall lies on its side.
+/// More touching cells than the edge of a thin wall can have: a strip three cells wide, across a
+/// pad and back. Where more touch, the wall lies on its side.
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
 /// A press during load stepping.
 pub(super) struct NodalLoadStepping<'a> {
-    /// Contact nodes of the body; if there are several sets, each is a grid of cells half as long as
-    /// those before.
+    /// Contact nodes of the body; if there are several sets, each is a grid of cells half as long
+    /// as those before.
     levels: &'a [ContactNodes],
     law: ContactLaw,
     shapes: &'a [Shape],
@@ -152,7 +152,8 @@ impl<'a> NodalLoadStepping<'a> {
     /// Attempts one load step to `poses` and returns the state it ends in.
     ///
     /// On a body with several levels of cells:
-    /// - the step is taken on the finest level on which no more cells touch than the resolution allows;
+    /// - the step is taken on the finest level on which no more cells touch than the resolution
+    ///   allows;
     /// - it stays on the level of the last step if that is coarser and few cells touch there;
     /// - levels whose cells are about as wide as the thinnest wall are used only if more than
     ///   [`BROAD`] cells touch on the next finer level, so that the wall touches by its side.

@@ -66,9 +66,9 @@ impl Nodal {
         &self.nodes.condensed.body
     }
 
-    /// Applies `carry` to the displacement of all nodes (V) in m that `responses` give for a unit force
-    /// on each contact node along each axis (3M). Forces on contact nodes must be distributed to the
-    /// face alone.
+    /// Applies `carry` to the displacement of all nodes (V) in m that `responses` give for a unit
+    /// force on each contact node along each axis (3M). Forces on contact nodes must be distributed
+    /// to the face alone.
     pub(crate) fn unit_responses<T>(
         &self,
         responses: &FaceResponses,

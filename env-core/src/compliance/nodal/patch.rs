@@ -26,13 +26,13 @@ const TURNED: f64 = 0.5;
 /// Cosine between the outward normals of body and shape above which the shape is on the wrong side
 /// of the skin. Where body and shape touch, these normals oppose each other.
 const FOLDED: f64 = 0.5;
-/// Cosine between the outward normals of body and shape above which the shape touches with a flank and
-/// not with its end.
+/// Cosine between the outward normals of body and shape above which the shape touches with a flank
+/// and not with its end.
 const FLANK: f64 = -0.2;
 /// Number of parts in which the line between two neighbouring cells is looked at.
 const PARTS: u32 = 8;
-/// Length between two runs up to which they are merged: fewer, longer runs are faster in spite of the
-/// additional numbers.
+/// Length between two runs up to which they are merged: fewer, longer runs are faster in spite of
+/// the additional numbers.
 const BRIDGE: usize = PIECE;
 
 /// Working memory of one thread, reused for successive presses.
@@ -100,8 +100,8 @@ pub(super) struct NodeTarget {
 
 impl<'a> Patch<'a> {
     /// Collects the nodes that, at their positions at the beginning of the step, are within `reach`
-    /// (m) of a shape at the end of the step, and those that are `held`; no node may be displaced by
-    /// more than `room` − `reach`. `None` if more than `most` cells of a grid lie inside shapes.
+    /// (m) of a shape at the end of the step, and those that are `held`; no node may be displaced
+    /// by more than `room` − `reach`. `None` if more than `most` cells of a grid lie inside shapes.
     pub(super) fn new(
         nodes: &'a ContactNodes,
         law: &'a ContactLaw,
@@ -324,9 +324,9 @@ impl<'a> Patch<'a> {
             .any(|(rank, out_of_shape)| out_of_shape.dot(&self.nodes.normal(rank)) > FOLDED)
     }
 
-    /// Depth of a shape that is wedged between two neighbouring cells of a grid and touches them with
-    /// its flanks only, and the depth allowed (m), if the former is larger: the shape has pierced the
-    /// skin.
+    /// Depth of a shape that is wedged between two neighbouring cells of a grid and touches them
+    /// with its flanks only, and the depth allowed (m), if the former is larger: the shape has
+    /// pierced the skin.
     pub(super) fn pierced(&self) -> Option<[f64; 2]> {
         let grid = self.nodes.grid()?;
         let at_flank = |member: &&Member| {
@@ -435,8 +435,8 @@ impl Move<'_> {
     }
 }
 
-/// Distance of the point `place` inside a shape from the plane that touches it at `entry`, where the
-/// point entered; none if it is outside of the plane.
+/// Distance of the point `place` inside a shape from the plane that touches it at `entry`, where
+/// the point entered; none if it is outside of the plane.
 fn entered(shape: &Shape, entry: &Point3<f64>, place: &Point3<f64>) -> Option<Distance> {
     let normal = shape.distance(entry).normal;
     let value = normal.dot(&(place - entry));

@@ -128,8 +128,8 @@ impl PaperNetwork {
         solve_frames(&path, |pose| self.0.answer(&input, pose))
     }
 
-    /// Returns whether an answer with that displacement (V, 3) in m, on this gel, lies within the range
-    /// of the training data.
+    /// Returns whether an answer with that displacement (V, 3) in m, on this gel, lies within the
+    /// range of the training data.
     pub fn is_in_distribution(&self, displacement: &[Vector3<f64>]) -> bool {
         self.0.card.data.covers(&self.0.pad.gel, displacement)
     }

@@ -79,7 +79,8 @@ impl Graph {
         }
     }
 
-    /// The pose at which `shape`, drawn out along the pad's axis from `pose`, just touches the face.
+    /// The pose at which `shape`, drawn out along the pad's axis from `pose`, just touches the
+    /// face.
     pub(super) fn touch(&self, shape: &Shape, mut pose: Isometry3<f64>) -> Isometry3<f64> {
         for _ in 0..STEPS {
             let distance = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;

@@ -24,7 +24,8 @@ use crate::{
 pub(super) const NODE_FEATURES: usize = 3 + 3 + 3 + 3 + 2;
 /// Number of features of a mesh edge: vector from sender to receiver, and its length.
 pub(super) const MESH_FEATURES: usize = 4;
-/// Number of features of a contact edge: those of a mesh edge, and the force over the number of edges.
+/// Number of features of a contact edge: those of a mesh edge, and the force over the number of
+/// edges.
 pub(super) const CONTACT_FEATURES: usize = 5;
 
 /// Greatest length of a contact edge (m), as in `DefGraspNets`.

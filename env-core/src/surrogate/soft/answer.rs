@@ -30,8 +30,8 @@ use crate::{
 
 /// A trained network on one soft object. Copies share the precomputed data.
 ///
-/// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields and
-/// wrenches are in the object's frame.
+/// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields
+/// and wrenches are in the object's frame.
 #[derive(Clone)]
 pub struct SoftSurrogate(Arc<ObjectNetwork>);
 
@@ -123,7 +123,8 @@ impl SoftSurrogate {
         self.0.card.data.covers(&self.0.unit, displacement)
     }
 
-    /// Wrenches of two fingers of these half-extents (m) on the object in an answer to their press, in the object's frame about its origin.
+    /// Wrenches of two fingers of these half-extents (m) on the object in an answer to their press,
+    /// in the object's frame about its origin.
     pub fn of_fingers(&self, half_extents: &Vector3<f64>, answer: &Deformation) -> [Wrench; 2] {
         let grip = Grip::of(half_extents, &answer.poses);
         let mut wrenches = [Wrench::default(); 2];
