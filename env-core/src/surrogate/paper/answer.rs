@@ -263,6 +263,19 @@ mod tests {
     }
 
     #[test]
+    fn a_press_ends_when_it_is_requested() {
+        let (network, interrupt) = (opened(SHIPPED).unwrap(), interrupt::Interrupt::default());
+        interrupt.request();
+        let press = ball(&[7.5e-3, 7.2e-3]);
+        let path = interrupt.during(|| network.solve_path(&press));
+        let last = interrupt.during(|| network.solve(&[press]));
+        for found in [path, last] {
+            assert_eq!(found.len(), 1);
+            assert_eq!(found[0].as_ref().err(), Some(&Error::Interrupted));
+        }
+    }
+
+    #[test]
     fn damaged_and_other_weights_are_named() {
         let refused = |bytes: &[u8], what: &str| {
             let error = opened(bytes).err().expect(what).to_string();
