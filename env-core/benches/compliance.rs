@@ -53,8 +53,8 @@ fn presses(criterion: &mut Criterion) {
         let body = gel_pad(cells);
         let nodes = body.mesh().vertices.len();
         let options = FemOptions { friction: FRICTION, ..FemOptions::default() };
-        let mut fem = Fem::new(body.clone(), options).expect("the options are valid");
-        let mut models = [0, 4].map(|corrections| {
+        let fem = Fem::new(body.clone(), options).expect("the options are valid");
+        let models = [0, 4].map(|corrections| {
             let options = ComplianceOptions { friction: FRICTION, corrections };
             (corrections, Compliance::new(body.clone(), options).expect("the pad is bonded"))
         });
@@ -69,7 +69,7 @@ fn presses(criterion: &mut Criterion) {
         ];
         for (name, press) in presses_by_name {
             let id = |who: &str| BenchmarkId::new(format!("{nodes} nodes, {name}"), who);
-            for (corrections, model) in &mut models {
+            for (corrections, model) in &models {
                 let presses = [press.clone()];
                 group.bench_function(id(&format!("{corrections} corrections")), |bencher| {
                     bencher.iter(|| black_box(model.solve(&presses)));
@@ -109,7 +109,7 @@ fn steps(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("step");
     group.sample_size(20);
     let options = ComplianceOptions { friction: FRICTION, corrections: 0 };
-    let mut model = Compliance::new(gel_pad([14, 16, 3]), options).expect("the pad is bonded");
+    let model = Compliance::new(gel_pad([14, 16, 3]), options).expect("the pad is bonded");
     for (object, shape, top) in objects() {
         let at = |x: f64, depth: f64| vec![Isometry3::translation(x, 0.0, -depth) * top];
         let along = |path| Press::along(vec![shape.clone()], path).expect("finite poses");

@@ -54,7 +54,7 @@ fn grasps(criterion: &mut Criterion) {
     let gel = &sensor.calibrations[0];
     let pad = sensor.pad(1000).expect("a pad has that many nodes");
     let top = pad.mesh.vertices.iter().map(|p| p.z).fold(f64::MIN, f64::max);
-    let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+    let moduli = Moduli::from(gel);
     let law = gel.law.parse().expect("the law is known");
     let body = SoftBody::new(pad.mesh, law, moduli, &pad.base).expect("a pad is a body");
     let fem = Fem::new(body, FemOptions { friction: 0.8, ..FemOptions::default() });

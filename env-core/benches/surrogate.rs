@@ -65,9 +65,9 @@ fn presses(criterion: &mut Criterion) {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     let sensor = Sensor::named("gelsight-mini").expect("a known sensor");
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
-    let mut network = Surrogate::new(&sensor, moduli, FRICTION).expect("shipped weights");
+    let network = Surrogate::new(&sensor, moduli, FRICTION).expect("shipped weights");
     let nodes = network.card().model_nodes;
-    let mut linear = LinearPad::new(&sensor, moduli, FRICTION, nodes, ContactResolution::FAST)
+    let linear = LinearPad::new(&sensor, moduli, FRICTION, nodes, ContactResolution::FAST)
         .expect("a known sensor");
     let pad = sensor.pad(network.card().linear_nodes).expect("a mesh of that size");
     let body = SoftBody::new(pad.mesh, Law::NeoHookean, moduli, &pad.base).expect("a sound mesh");
@@ -78,14 +78,12 @@ fn presses(criterion: &mut Criterion) {
         group.sample_size(20);
         let press = held.onwards(&network);
         for (what, wanted) in WANTED {
-            let mut solve =
-                || one.install(|| network.solve_partially(slice::from_ref(&press), wanted));
+            let solve = || one.install(|| network.solve_partially(slice::from_ref(&press), wanted));
             group.bench_function(format!("surrogate {what}"), |b| b.iter(|| black_box(solve())));
         }
         let press = held.onwards(&linear);
         for (what, wanted) in WANTED {
-            let mut solve =
-                || one.install(|| linear.solve_partially(slice::from_ref(&press), wanted));
+            let solve = || one.install(|| linear.solve_partially(slice::from_ref(&press), wanted));
             group.bench_function(format!("linear {what}"), |b| b.iter(|| black_box(solve())));
         }
         let press = held.onwards(&elements);

@@ -5,6 +5,27 @@ use thiserror::Error;
 /// Result of the fallible functions of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
 
+/// Defect of a load step that a shorter one may avoid.
+#[non_exhaustive]
+#[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
+pub enum StepDefect {
+    /// A shape and the surface pass through each other without contact.
+    #[error("a shape and the surface pass through each other")]
+    PassedSurface,
+    /// A shape passes over the faces that are held.
+    #[error("a shape passes through what holds the body")]
+    PassedBacking,
+    /// A shape ends wholly inside the body, where it touches no contact point.
+    #[error("a shape ends wholly inside the body")]
+    Engulfed,
+    /// Contact forces that are not finite.
+    #[error("the contact forces are not finite")]
+    NotFinite,
+    /// More work than the resolution of the contact allows.
+    #[error("contact takes more work than its resolution allows")]
+    OverWorkLimit,
+}
+
 /// Reason why something could not be built or computed.
 #[non_exhaustive]
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -49,18 +70,24 @@ pub enum Error {
         /// Message of the operating system or the parser.
         reason: String,
     },
-    /// Newton's method did not reach equilibrium, even with the smallest load step.
+    /// The iterations did not reach equilibrium, even with the smallest load step.
     #[error(
-        "no equilibrium after {iterations} Newton steps: residual {residual:.2e} N, \
+        "no equilibrium after {iterations} iterations: residual {residual:.2e} N, \
          tolerance {tolerance:.2e} N"
     )]
     NotConverged {
-        /// Newton steps taken, summed over the load steps.
+        /// Newton steps, or sweeps of Gauss-Seidel, taken.
         iterations: usize,
         /// Norm of the residual force (N).
         residual: f64,
         /// Largest norm accepted (N).
         tolerance: f64,
+    },
+    /// A load step that ends where no shape can get by pressing, even the smallest.
+    #[error("no load step is short enough: {defect}")]
+    StepTooLong {
+        /// What is wrong with the step.
+        defect: StepDefect,
     },
     /// A displacement field that inverts a tetrahedron.
     #[error("the answer turns a tetrahedron inside out, expected a press in reach of the model")]
@@ -203,6 +230,7 @@ kinds! {
     BadMesh: "bad-mesh",
     File: "file",
     NotConverged: "not-converged",
+    StepTooLong: "step-too-long",
     Inverted: "inverted",
     Penetrated: "penetrated",
     Network: "network",

@@ -1,7 +1,8 @@
 //! Requests to end a computation early.
 //!
-//! A computation that runs [`Interrupt::during`] ends with [`Error::Interrupted`] soon after
-//! [`Interrupt::request`]: Newton's method checks for it before every step.
+//! A press that is solved [`Interrupt::during`] ends with [`Error::Interrupted`] soon after
+//! [`Interrupt::request`]: all models check for it before every frame, those that solve frames by
+//! load steps before each of these, and Newton's method of the finite elements before every step.
 
 use std::{
     cell::RefCell,

@@ -25,7 +25,15 @@ from meshes import surface, volumes
 from ruffini import Compliance, Deformation, Fem, LinearPad, PressError, SoftBody, Surrogate
 from ruffini._frames import turned
 
-NAMED = ("not-converged", "penetrated", "inverted", "unreachable", "invalid", "network")
+NAMED = (
+    "not-converged",
+    "step-too-long",
+    "penetrated",
+    "inverted",
+    "unreachable",
+    "invalid",
+    "network",
+)
 TOLERANCE = 1e-7
 """Force that the finite elements may leave out of balance, up to 1 MPa (N)."""
 DEEPEST = 250 * 2e-6 * 1.001

@@ -18,10 +18,12 @@ pyo3::create_exception!(
     PressError,
     SimulationError,
     "A press that was not solved, as it stands in the list of answers.\n\n\
-     `kind` names the reason: \"not-converged\" (no equilibrium, however small the load step),\n\
-     \"penetrated\" (a shape was led deep into the body, past nodes that are held), \"inverted\" (a\n\
-     linear answer turned part of the body inside out), \"unreachable\" (the shapes never press with\n\
-     the force asked for) or \"invalid\" (a history of another body). The text has the figures."
+     `kind` names the reason, one of those in its annotation; mostly it is \"not-converged\" (no\n\
+     equilibrium, however small the load step), \"step-too-long\" (a shape passes through the\n\
+     surface, however small the load step), \"penetrated\" (a shape was led deep into the body,\n\
+     past nodes that are held), \"inverted\" (a linear answer turned part of the body inside out),\n\
+     \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history\n\
+     of another body). The text has the figures."
 );
 
 /// Converts an error: bad arguments become a `ValueError`, all others a `SimulationError`.

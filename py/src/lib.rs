@@ -67,7 +67,13 @@ enum CameraArgument {
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
 impl Batch {
     #[new]
-    fn new(settings: &str, num_envs: usize, num_threads: usize, autoreset: &str) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        settings: &str,
+        num_envs: usize,
+        num_threads: usize,
+        autoreset: &str,
+    ) -> PyResult<Self> {
         let autoreset = match autoreset {
             "NextStep" => Autoreset::NextStep,
             "SameStep" => Autoreset::SameStep,
@@ -77,9 +83,10 @@ impl Batch {
                 return Err(python_error(Error::invalid("autoreset_mode", other, expected)));
             }
         };
-        let setup = Setup::new(TaskConfig::from_json(settings).map_err(python_error)?);
-        let setup = Arc::new(setup.map_err(python_error)?);
-        let inner = ruffini_core::env::Batch::new(setup, num_envs, num_threads, autoreset);
+        let inner = py.detach(|| {
+            let setup = Arc::new(Setup::new(TaskConfig::from_json(settings)?)?);
+            ruffini_core::env::Batch::new(setup, num_envs, num_threads, autoreset)
+        });
         Ok(Self { inner: inner.map_err(python_error)? })
     }
 

@@ -35,7 +35,7 @@ pub(crate) fn fit_foundation(
 ) -> PyResult<String> {
     let fit = || -> Result<_> {
         let sensor = Sensor::open(name)?;
-        scene::fit_foundation(&sensor, sensor.calibration(calibration)?, nodes)
+        scene::fit_foundation(&sensor, sensor.calibration(Some(calibration))?, nodes)
     };
     let fitted = interruptible(py, fit)?.map_err(python_error)?;
     let errors = fitted.errors.iter().map(|error| {

@@ -306,15 +306,15 @@ fn a_corrected_press_goes_on_where_finite_elements_ended() {
 
 #[test]
 fn presses_are_answered_in_order_whatever_the_threads() {
-    let mut model = linear(&block(), 0.3);
+    let model = linear(&block(), 0.3);
     let presses: Vec<_> = (0..6)
         .map(|i| along([ball(), cuboid()][i % 2].clone(), vec![at(0.0, 0.1 * MM * (i + 1) as f64)]))
         .collect();
-    let answers = |threads: usize, model: &mut Compliance| {
+    let answers = |threads: usize, model: &Compliance| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         frames(pool.install(|| model.solve(&presses)))
     };
-    let [one, two] = [1, 2].map(|threads| answers(threads, &mut model));
+    let [one, two] = [1, 2].map(|threads| answers(threads, &model));
     for ((press, one), two) in presses.iter().zip(&one).zip(&two) {
         let alone = last(model.solve_path(press));
         assert_eq!(one.displacement, alone.displacement);
@@ -324,7 +324,7 @@ fn presses_are_answered_in_order_whatever_the_threads() {
 
 #[test]
 fn asking_for_less_changes_nothing_that_is_answered() {
-    let mut model = linear(&block(), 0.4);
+    let model = linear(&block(), 0.4);
     let path = vec![at(0.0, 0.2 * MM), at(0.05 * MM, 0.3 * MM)];
     let presses = [ball(), cuboid()].map(|shape| along(shape, path.clone()));
     // A single thread reuses its memory for the second press.
@@ -432,7 +432,7 @@ fn a_press_through_the_pad_is_refused() {
         let found = model.solve_path(&along(ball(), vec![at(0.0, 0.2 * MM), at(0.0, 4.5 * MM)]));
         assert_eq!(found.len(), 2);
         let error = found[1].as_ref().map(|frame| frame.wrench).unwrap_err();
-        let in_the_base = matches!(error, Error::Penetrated { .. });
+        let in_the_base = matches!(error, Error::Penetrated { .. } | Error::StepTooLong { .. });
         let named = in_the_base || matches!(error, Error::Inverted | Error::NotConverged { .. });
         assert!(named, "{corrections} corrections: {error}");
     }

@@ -225,7 +225,7 @@ impl LinearGel {
     fn new() -> Self {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let (pad, calibration) = (sensor.pad(1000).unwrap(), &sensor.calibrations[0]);
-        let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
+        let moduli = Moduli::from(calibration);
         let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
         let model =
             Compliance::new(body, ComplianceOptions { friction: 0.8, corrections: 0 }).unwrap();

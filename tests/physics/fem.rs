@@ -226,7 +226,7 @@ fn a_press_goes_on_where_another_ended() {
 
 #[test]
 fn presses_are_answered_in_order_whatever_the_threads() {
-    let mut fem = block(GEL, 2, rough(0.3));
+    let fem = block(GEL, 2, rough(0.3));
     let depth = |i: u32| 0.1 * MM * f64::from(i + 1);
     let presses: Vec<_> =
         (0..4).map(|i| Press::along(ball(), vec![ball_at(0.0, depth(i))]).unwrap()).collect();

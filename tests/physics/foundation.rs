@@ -409,7 +409,7 @@ fn the_fitted_foundation_presses_like_the_finite_elements() {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let calibration = &sensor.calibrations[0];
     let pad = sensor.pad(1000).unwrap();
-    let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
+    let moduli = Moduli::from(calibration);
     let body = SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap();
     let fem = Fem::new(body, FemOptions { friction: 1.0, ..FemOptions::default() }).unwrap();
     let at = |x: f64, depth: f64| Isometry3::translation(x * MM, 0.0, 0.015 - depth * MM);

@@ -38,7 +38,7 @@ fn pressed(
     let at =
         |depth: f64| vec![Isometry3::from_parts(Vector3::new(x, y, -lowest - depth).into(), turn)];
     let press = Press::along(vec![shape.clone()], vec![at(0.0), at(depth)]).unwrap();
-    pad.model().clone().solve(&[press]).remove(0).unwrap()
+    pad.model().solve(&[press]).remove(0).unwrap()
 }
 
 struct Map {

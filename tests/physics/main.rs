@@ -15,6 +15,7 @@ mod grasp;
 mod half_space;
 mod imprint;
 mod insertion;
+mod interrupt;
 mod nodal;
 mod objects;
 mod peer;

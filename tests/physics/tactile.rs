@@ -491,7 +491,7 @@ fn a_touch_between_nodes_is_not_missed() {
 }
 
 /// Deformations of the finger at each pose of a ball that goes down, aside and up.
-fn episode(tip: &Tip, model: &mut Compliance, finger: &mut Finger) -> Vec<Option<Deformation>> {
+fn episode(tip: &Tip, model: &Compliance, finger: &mut Finger) -> Vec<Option<Deformation>> {
     let path = [(0.0, -1.0), (0.0, 0.3), (0.0, 0.6), (0.2, 0.6), (0.2, -0.5), (0.2, 0.4)];
     let step = |(x, depth): (f64, f64)| {
         let pose = ball_at(x * MM, 0.0, depth * MM);
@@ -505,9 +505,9 @@ fn episode(tip: &Tip, model: &mut Compliance, finger: &mut Finger) -> Vec<Option
 #[test]
 fn a_finger_remembers_its_contact_and_forgets_it_when_it_is_lost() {
     let tip = tip("gelsight-mini", coarse());
-    let mut model = linear(&tip.body);
+    let model = linear(&tip.body);
     let start = ball_at(0.0, 0.0, -5.0 * MM);
-    let felt = episode(&tip, &mut model, &mut Finger::new(vec![start]));
+    let felt = episode(&tip, &model, &mut Finger::new(vec![start]));
     let touches: Vec<_> = felt.iter().map(Option::is_some).collect();
     assert_eq!(touches, [false, true, true, true, false, true]);
     let shear = felt[3].as_ref().unwrap().wrench.force;
@@ -520,14 +520,14 @@ fn a_finger_remembers_its_contact_and_forgets_it_when_it_is_lost() {
 #[test]
 fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
     let tip = tip("gelsight-mini", coarse());
-    let mut model = linear(&tip.body);
+    let model = linear(&tip.body);
     let mut finger = Finger::new(vec![ball_at(0.0, 0.0, -5.0 * MM)]);
-    episode(&tip, &mut model, &mut finger);
+    episode(&tip, &model, &mut finger);
     assert!(finger.touches());
     let bytes = postcard::to_stdvec(&finger).unwrap();
     let mut copy: Finger = postcard::from_bytes(&bytes).unwrap();
     let [one, two] = [&mut finger, &mut copy].map(|finger| {
-        let felt = episode(&tip, &mut model, finger);
+        let felt = episode(&tip, &model, finger);
         felt.into_iter().flatten().map(|felt| felt.displacement).collect::<Vec<_>>()
     });
     assert_eq!(one, two);
@@ -536,7 +536,7 @@ fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
 #[test]
 fn a_finger_feels_what_touches_it_of_several_bodies() {
     let tip = tip("gelsight-mini", coarse());
-    let mut model = linear(&tip.body);
+    let model = linear(&tip.body);
     let at = |depths: [f64; 2]| -> Vec<_> {
         let sides = [-6.0 * MM, 6.0 * MM].into_iter().zip(depths);
         sides.map(|(y, depth)| ball_at(0.0, y, depth * MM)).collect()
@@ -572,7 +572,7 @@ fn a_press_may_bring_its_own_friction() {
     .unwrap();
     let own = plain.clone().with_friction(FRICTION).unwrap();
     let options = ComplianceOptions { friction: FRICTION, corrections: 0 };
-    let mut model = Compliance::new(tip.body.clone(), options).unwrap();
+    let model = Compliance::new(tip.body.clone(), options).unwrap();
     let theirs = model.solve(std::slice::from_ref(&plain));
     let ours = linear(&tip.body).solve(std::slice::from_ref(&own));
     assert_eq!(ours[0].as_ref().unwrap().displacement, theirs[0].as_ref().unwrap().displacement);

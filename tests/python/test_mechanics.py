@@ -186,7 +186,8 @@ def test_a_shape_that_begins_buried_is_taken_to_come_from_outside(model, shape):
     pose = ((0, 0, -6e-4), (math.sin(0.2), 0, 0, math.cos(0.2)))
     [found] = MODELS[model]().solve(Press(SLENDER[shape], [pose]))
     if isinstance(found, PressError):
-        assert found.kind in ("not-converged", "penetrated", "inverted"), found
+        kinds = ("not-converged", "step-too-long", "penetrated", "inverted")
+        assert found.kind in kinds, found
     else:
         assert found.wrench[2] <= 0.0, f"{found.wrench[2]} N out of the gel"
 

@@ -16,6 +16,7 @@ use crate::{
     Error, Result,
     contact::{ContactLaw, ContactStep, SurfacePoint, Touch},
     deformation::Wrench,
+    error::StepDefect,
 };
 
 /// Contact of a zone with the shapes at one set of poses.
@@ -78,7 +79,8 @@ impl Contact<'_> {
             residual,
             tolerance: tolerance.max(RELATIVE * residual),
         };
-        let mut at = self.begin(offset, guess).ok_or(not_converged(0, f64::INFINITY))?;
+        let passed = Error::StepTooLong { defect: StepDefect::PassedSurface };
+        let mut at = self.begin(offset, guess).ok_or(passed)?;
         for iterations in 0..MOST {
             if at.imbalance <= tolerance.max(RELATIVE * norm(&at.forces)) {
                 return Ok((at, iterations));
@@ -130,7 +132,7 @@ impl Contact<'_> {
         let place = |point: &SurfacePoint| point.place(&zone.places, displacement);
         let places: Vec<Point3<f64>> = zone.surface.iter().map(place).collect();
         let touches = self.step.touches(self.poses, &places);
-        let deep = |touch: &Touch| touch.depth > 10.0 * self.law.softness;
+        let deep = |touch: &Touch| touch.depth > self.law.deep();
         let through = |touch: &Touch| deep(touch) && self.step.passed_through(touch, self.poses);
         (!touches.iter().any(through)).then_some(touches)
     }

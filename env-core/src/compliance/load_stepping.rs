@@ -16,6 +16,7 @@ use crate::{
         ContactLaw, ContactStep, Touch, backed_off, check_first, engulfs_unfelt, holds, is_engulfed,
     },
     deformation::{Anchor, History, Press, Wrench},
+    error::StepDefect,
     fem::SolverWorkspace,
     geometry::Shape,
 };
@@ -28,8 +29,6 @@ const LONG: f64 = 5e-4;
 /// Greatest depth by which a shape with edges sinks in within one load step (m). In longer steps a
 /// surface point may come nearer to the wrong face of an edge and be pushed out there.
 pub(super) const EDGE_STEP: f64 = 2.5e-4;
-/// Depth that a point must have reached in a shape to count as run over, in softnesses.
-const RUN_OVER: f64 = 10.0;
 
 /// Greatest relative difference between the loads of a linear solution and its contact forces.
 const LINEAR: f64 = 1e-3;
@@ -136,8 +135,8 @@ impl<'a> LoadStepping<'a> {
         Ok(stepping)
     }
 
-    /// Places the shapes at the poses `first`, backed off from the body at rest; returns an error if
-    /// one is wholly inside it.
+    /// Places the shapes at the poses `first`, backed off from the body at rest; returns an error
+    /// if one is wholly inside it.
     fn approach(&mut self, first: &[Isometry3<f64>]) -> Result<()> {
         self.cover(first);
         let places = self.zone_places();
@@ -198,12 +197,11 @@ impl<'a> LoadStepping<'a> {
     /// Attempts one load step to `poses` and returns the state it ends in.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<Equilibrium> {
         if self.runs_over(poses) {
-            return Err(missed(self.settings.tolerance));
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
-        let Settings { law, tolerance, .. } = self.settings;
         let shapes = self.shapes;
-        let (path, limits) = ([&self.state.poses[..], poses], [RUN_OVER * law.softness, tolerance]);
-        self.condensed.backing.check(shapes, path, limits)?;
+        let most = self.settings.law.deep();
+        self.condensed.backing.check(shapes, [&self.state.poses, poses], most)?;
         self.cover(poses);
         loop {
             let state = self.attempt_in_zone(poses)?;
@@ -212,7 +210,7 @@ impl<'a> LoadStepping<'a> {
             match self.zone.grown(self.condensed, shapes, poses, displacement, &near) {
                 Some(facets) => self.enter_zone(facets),
                 None if self.engulfs_unfelt(&state) => {
-                    return Err(missed(self.settings.tolerance));
+                    return Err(Error::StepTooLong { defect: StepDefect::Engulfed });
                 }
                 None => return Ok(state),
             }
@@ -242,7 +240,7 @@ impl<'a> LoadStepping<'a> {
         let surface = &self.condensed.surface;
         let places = surface.iter().map(|point| point.place(rest.places(), displacement)).collect();
         ContactStep::new(shapes, surface, from.clone(), places, &[])
-            .runs_over(poses, RUN_OVER * self.settings.law.softness)
+            .runs_over(poses, self.settings.law.deep())
     }
 
     /// Attempts the step of [`LoadStepping::attempt`] with contact in the present zone only.
@@ -268,8 +266,8 @@ impl<'a> LoadStepping<'a> {
         let iterations = solution.iterations;
         let law = &self.settings.law;
         let displaced = zone.pick(&field.displacement);
-        if contact.step.goes_through(poses, &places(zone, &displaced), RUN_OVER * law.softness) {
-            return Err(missed(self.settings.tolerance));
+        if contact.step.goes_through(poses, &places(zone, &displaced), law.deep()) {
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         let back = |touch: &_| stuck_at(law, zone, touch);
         let anchors = zone.anchors_out(contact.step.anchors(poses, &touches, back));
@@ -309,11 +307,6 @@ impl<'a> LoadStepping<'a> {
     pub(super) fn zone_places(&self) -> Vec<Point3<f64>> {
         places(&self.zone, &self.zone.pick(&self.state.field.displacement))
     }
-}
-
-/// Error of a load step in which a shape and the surface pass each other without contact.
-fn missed(tolerance: f64) -> Error {
-    Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance }
 }
 
 /// Positions of the zone's surface points with its nodes displaced (m).

@@ -3,9 +3,9 @@
 //! The stiffness is that of the finite elements at rest ([`crate::fem`], `p1-bar`), reduced to a
 //! dense compliance matrix between the nodes of the surface. Contact has the same surface points,
 //! law and history as there ([`crate::contact`]), and a press may continue from a history of either
-//! model. Large strain is neglected, unless [`ComplianceOptions::corrections`] are asked for: each is
-//! a step of modified Newton with the stiffness at rest and the forces of the body's own law. It is
-//! accepted only if it lowers the residual force, which
+//! model. Large strain is neglected, unless [`ComplianceOptions::corrections`] are asked for: each
+//! is a step of modified Newton with the stiffness at rest and the forces of the body's own law. It
+//! is accepted only if it lowers the residual force, which
 //! [`Deformation::residual`](crate::deformation::Deformation) reports.
 //!
 //! A body is held by fixed nodes, or is free ([`Compliance::free`]) and held by contact alone.
@@ -34,6 +34,7 @@ use crate::{
     contact::ContactLaw,
     deformation::{Deformation, DeformationModel, Press, SoftBody, Wanted},
     fem::FemOptions,
+    interrupt::Interrupt,
 };
 
 use condensed::Condensed;
@@ -140,22 +141,23 @@ impl Compliance {
         presses: &[Press],
         report: impl Fn(&mut LoadStepping) -> Result<T> + Sync,
     ) -> Vec<Result<T>> {
+        let interrupt = Interrupt::current();
         let scratch = || Scratch::new(&self.condensed);
         let answer = |scratch: &mut Scratch, press: &Press| {
             let condensed = self.condensed.suited(press)?;
-            LoadStepping::new(&condensed, self.settings_of(press), scratch, press)?
-                .last(press, &report)
+            let stepping = LoadStepping::new(&condensed, self.settings_of(press), scratch, press)?;
+            interrupt.during(|| stepping.last(press, &report))
         };
         presses.par_iter().map_init(scratch, answer).collect()
     }
 }
 
 impl DeformationModel for Compliance {
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
         self.each(presses, whole)
     }
 
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         if wanted == Wanted::default() {
             self.each(presses, |stepping| Ok(stepping.unstressed()))
         } else {

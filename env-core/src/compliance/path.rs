@@ -40,7 +40,9 @@ impl LoadStepping<'_> {
         press: &Press,
         report: impl Fn(&mut Self) -> Result<T>,
     ) -> Result<T> {
-        press.frames().into_iter().try_for_each(|frame| self.solve(frame))?;
+        solve_frames(press.frames(), |frame| self.solve(frame))
+            .pop()
+            .expect("a press has a frame")?;
         report(&mut self)
     }
 

@@ -7,6 +7,7 @@ use crate::{
     Error, Result,
     contact::{advance_to_contact, clearance},
     deformation::Wrench,
+    interrupt,
 };
 
 /// Shortest load step that is tried (m).
@@ -53,7 +54,9 @@ pub(super) fn push<D: ForceControlled>(
     let mut poses = body.poses().to_vec();
     let met = advance_to_contact(&mut poses, direction, [NEAR; 2], |poses| body.clearance(poses));
     body.poses().copy_from_slice(&poses);
-    if !met || push.reach(body).is_none() {
+    let reached = met && push.reach(body).is_some();
+    interrupt::check()?;
+    if !reached {
         let travel = (body.poses()[0].translation.vector - begin).norm();
         return Err(Error::Unreachable { force, reached: push.along::<D>(body.state()), travel });
     }
@@ -117,6 +120,7 @@ impl Push {
 
     /// Attempts a load step by `travel` (m) and returns the state it ends in.
     fn attempt<D: ForceControlled>(&mut self, body: &mut D, travel: f64) -> Result<D::State> {
+        interrupt::check()?;
         let ahead = |pose: &Isometry3<f64>| {
             let mut pose = *pose;
             pose.translation.vector += *self.direction * travel;
@@ -128,8 +132,8 @@ impl Push {
         Ok(state)
     }
 
-    /// Moves the shapes in load steps until the force is met or passed, and then finds it within the
-    /// last step; `None` if it is never met.
+    /// Moves the shapes in load steps until the force is met or passed, and then finds it within
+    /// the last step; `None` if it is never met.
     fn reach<D: ForceControlled>(&mut self, body: &mut D) -> Option<()> {
         let mut size = EDGE_STEP;
         for _ in 0..MOST {

@@ -3,8 +3,8 @@
 //! A correction is a step of modified Newton: the body's own law gives the elastic force g(u), the
 //! stiffness at rest K relates the residual force to a displacement, and contact is solved again
 //! with the offset u₀ = u − K⁻¹ g(u) instead of zero. This is a fixed-point iteration on u₀,
-//! accelerated by [`Mixing`]. A correction is accepted only if it lowers the residual force; after a
-//! rejected one, the plain step is tried at half its length, then at a quarter.
+//! accelerated by [`Mixing`]. A correction is accepted only if it lowers the residual force; after
+//! a rejected one, the plain step is tried at half its length, then at a quarter.
 //!
 //! Shapes: V nodes of the mesh, m free nodes of the zone.
 
@@ -31,7 +31,8 @@ const INEXACT: f64 = 1e-3;
 /// Displacement of the body: an offset plus the linear response to loads.
 #[derive(Clone)]
 pub(super) struct LinearDisplacement {
-    /// Displacement (V) in m, known on the skin; inside the body only if corrections were asked for.
+    /// Displacement (V) in m, known on the skin; inside the body only if corrections were asked
+    /// for.
     pub(super) displacement: Vec<Vector3<f64>>,
     /// Part of the displacement that is not the response to the loads (V) in m.
     pub(super) offset: Vec<Vector3<f64>>,
@@ -81,7 +82,8 @@ struct Iterate {
 }
 
 impl Solution<'_, '_> {
-    /// Finds the solution near the `guess`, starting from `offset`, with at most so many `corrections`.
+    /// Finds the solution near the `guess`, starting from `offset`, with at most so many
+    /// `corrections`.
     pub(super) fn find(
         &mut self,
         offset: &[Vector3<f64>],

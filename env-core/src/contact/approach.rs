@@ -19,8 +19,8 @@ const FARTHEST: f64 = 1.0;
 /// to a body at rest of this `mesh`.
 ///
 /// A shape that is buried to its widest part or past it would push the surface aside or out of the
-/// body, and would be taken to come from inside. It is moved out along the body's normal at its deepest
-/// point. So is one that stands in the body between surface points.
+/// body, and would be taken to come from inside. It is moved out along the body's normal at its
+/// deepest point. So is one that stands in the body between surface points.
 pub fn backed_off(
     shapes: &[Shape],
     poses: &[Isometry3<f64>],
@@ -122,9 +122,9 @@ fn outward(mesh: &TetMesh, place: &Point3<f64>) -> Vector3<f64> {
     (b - a).cross(&(c - a)).normalize()
 }
 
-/// Moves the shapes at `poses` (S) along `direction` until their `clearance` (m) is less than `near`
-/// (m), and returns whether it becomes so. Each step is as long as the clearance, but at least
-/// `shortest` (m), so that no shape passes the body.
+/// Moves the shapes at `poses` (S) along `direction` until their `clearance` (m) is less than
+/// `near` (m), and returns whether it becomes so. Each step is as long as the clearance, but at
+/// least `shortest` (m), so that no shape passes the body.
 pub fn advance_to_contact(
     poses: &mut [Isometry3<f64>],
     direction: &Vector3<f64>,

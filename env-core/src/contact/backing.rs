@@ -1,18 +1,18 @@
 //! Held faces of a body: they are rigid, shapes must not enter them, and contact there exerts no
 //! force.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::leap::runs_through;
+use super::{
+    groups::{PointGroup, ball},
+    leap::runs_through,
+};
 use crate::{
     Error, Result,
+    error::StepDefect,
     geometry::{Distance, Shape},
 };
 
-/// Side of the cubes in which points are grouped (m).
-const BOX: f64 = 3.5e-3;
 /// Most moves of a shape out of the held faces. A second is needed at a concave side or a corner.
 const MOVES: usize = 20;
 
@@ -26,28 +26,12 @@ pub struct Backing {
     ball: (Point3<f64>, f64),
 }
 
-/// Points in one cube.
-struct PointGroup {
-    centre: Point3<f64>,
-    /// Distance of the farthest point from the centre (m).
-    radius: f64,
-    places: Vec<Point3<f64>>,
-}
-
 impl Backing {
     /// Groups the fixed points at these `places` (m).
     pub fn new(places: impl Iterator<Item = Point3<f64>>) -> Self {
-        let mut boxes: BTreeMap<[i64; 3], Vec<Point3<f64>>> = BTreeMap::new();
-        for place in places {
-            let index = [place.x, place.y, place.z].map(|x| (x / BOX).floor() as i64);
-            boxes.entry(index).or_default().push(place);
-        }
-        let all: Vec<_> = boxes.values().flatten().copied().collect();
-        let group = |places: Vec<Point3<f64>>| {
-            let (centre, radius) = ball(&places);
-            PointGroup { centre, radius, places }
-        };
-        Self { groups: boxes.into_values().map(group).collect(), ball: ball(&all) }
+        let groups = PointGroup::groups((0..).zip(places));
+        let all: Vec<_> = groups.iter().flat_map(|group| &group.places).copied().collect();
+        Self { groups, ball: ball(&all) }
     }
 
     /// Moves a shape at `pose` that contains points out of the held faces, along its normal at the
@@ -64,8 +48,8 @@ impl Backing {
         *pose
     }
 
-    /// Distance of the deepest point inside `shape` at `pose`, with the normal in the shape's frame;
-    /// `None` if there is none deeper than [`ROUNDING`].
+    /// Distance of the deepest point inside `shape` at `pose`, with the normal in the shape's
+    /// frame; `None` if there is none deeper than [`ROUNDING`].
     fn deepest(&self, shape: &Shape, pose: &Isometry3<f64>) -> Option<Distance> {
         let distance = |place| shape.distance(&pose.inverse_transform_point(place));
         let (centre, radius) = &self.ball;
@@ -73,7 +57,7 @@ impl Backing {
             return None;
         }
         let mut deepest = Distance { value: -ROUNDING, normal: Vector3::zeros() };
-        for PointGroup { centre, radius, places } in &self.groups {
+        for PointGroup { centre, radius, places, .. } in &self.groups {
             let at_centre = distance(centre).value;
             // From place to place, a distance changes by at most the way between them.
             if at_centre - radius >= deepest.value {
@@ -92,20 +76,19 @@ impl Backing {
     }
 
     /// Returns an error if one of the `shapes` contains a point deeper than `most` (m) at its pose
-    /// `to`, or moved over one by as much from its pose `from` to there. The latter is reported as
-    /// a step that has not converged to the `tolerance` (N).
+    /// `to`, or moved over one by as much from its pose `from` to there.
     pub fn check(
         &self,
         shapes: &[Shape],
         [from, to]: [&[Isometry3<f64>]; 2],
-        [most, tolerance]: [f64; 2],
+        most: f64,
     ) -> Result<()> {
         let (mut deepest, mut through) = (0f64, false);
         for (shape, (from, to)) in shapes.iter().zip(from.iter().zip(to)) {
             let gap = |p: &Point3<f64>| shape.distance(p).value;
             let path = |p: &Point3<f64>| [from, to].map(|pose| pose.inverse_transform_point(p));
             let angle = from.rotation.angle_to(&to.rotation);
-            for PointGroup { centre, radius, places } in &self.groups {
+            for PointGroup { centre, radius, places, .. } in &self.groups {
                 let [begin, end] = path(centre);
                 let at_centre = gap(&end);
                 if at_centre > (1.0 + angle) * radius + (end - begin).norm() {
@@ -132,18 +115,11 @@ impl Backing {
         if deepest > most {
             return Err(Error::Penetrated { depth: deepest, most });
         }
-        let missed = Error::NotConverged { iterations: 0, residual: f64::INFINITY, tolerance };
-        if through { Err(missed) } else { Ok(()) }
+        if through {
+            return Err(Error::StepTooLong { defect: StepDefect::PassedBacking });
+        }
+        Ok(())
     }
-}
-
-/// Mean of the `places` and distance of the farthest from it (m); the radius is below zero if there
-/// are none.
-fn ball(places: &[Point3<f64>]) -> (Point3<f64>, f64) {
-    let sum = places.iter().map(|p| p.coords).sum::<Vector3<f64>>();
-    let centre = Point3::from(sum / places.len().max(1) as f64);
-    let radius = places.iter().map(|p| (p - centre).norm()).fold(f64::NEG_INFINITY, f64::max);
-    (centre, radius)
 }
 
 #[cfg(test)]
@@ -176,9 +152,16 @@ mod tests {
     fn a_shape_moved_out_of_held_faces_is_accepted_there() {
         let ring = Shape::Annulus { outer: 12e-3, inner: 8e-3, half_height: 3e-3 };
         let pose = Isometry3::new(Vector3::new(-2e-3, -20e-3, -3e-3), Vector3::new(0.4, 0.3, 0.2));
-        let limits = [2e-5, 0.0];
-        let check = |pose| plate().check(std::slice::from_ref(&ring), [&[pose], &[pose]], limits);
+        let check = |pose| plate().check(std::slice::from_ref(&ring), [&[pose], &[pose]], 2e-5);
         assert!(matches!(check(pose), Err(Error::Penetrated { .. })), "{:?}", check(pose));
         assert_eq!(check(plate().outside(&ring, &pose)), Ok(()));
+    }
+
+    #[test]
+    fn a_step_that_leads_a_shape_through_held_faces_is_too_long() {
+        let ball = [Shape::Sphere { radius: 1e-3 }];
+        let path = [2e-3, -9e-3].map(|z| [Isometry3::translation(0.0, 0.0, z)]);
+        let found = plate().check(&ball, [&path[0], &path[1]], 2e-5).unwrap_err();
+        assert_eq!(found, Error::StepTooLong { defect: StepDefect::PassedBacking });
     }
 }

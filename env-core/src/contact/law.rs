@@ -45,6 +45,12 @@ impl ContactLaw {
         Ok(Self { softness, friction })
     }
 
+    /// Depth at which the pressure is ten times Young's modulus (m): a deeper point is checked for
+    /// having passed through the shape, and no shape may enter held faces deeper.
+    pub fn deep(&self) -> f64 {
+        10.0 * self.softness
+    }
+
     /// Normal stiffness k (Pa/m).
     fn stiffness(&self, point: &SurfacePoint) -> f64 {
         point.young / self.softness
@@ -71,8 +77,8 @@ impl ContactLaw {
     }
 
     /// Share of the normal force of a contact that its sliding points bear: those whose friction is
-    /// at its limit. `forces` are the force on each point and the outward normal of the shape there;
-    /// 0 without contact.
+    /// at its limit. `forces` are the force on each point and the outward normal of the shape
+    /// there; 0 without contact.
     ///
     /// Sliding begins at the rim of a contact and spreads inwards (Cattaneo, Mindlin); optical
     /// fingertips detect it in the non-uniform motion of their markers (Hu et al.,
@@ -143,8 +149,8 @@ impl ContactLaw {
     }
 
     /// Term that appears at a point that slips, or has no friction, when the shape is curved, and
-    /// that [`ContactLaw::hessian`] leaves out: the derivative of minus the traction with respect to
-    /// the normal n, times ∂n/∂x (Pa/m). With s the slip, it is −k δ ∂n/∂x − μp/|s| ((1 − ŝ ⊗ ŝ)
+    /// that [`ContactLaw::hessian`] leaves out: the derivative of minus the traction with respect
+    /// to the normal n, times ∂n/∂x (Pa/m). With s the slip, it is −k δ ∂n/∂x − μp/|s| ((1 − ŝ ⊗ ŝ)
     /// ∂n/∂x (n·w) + n ⊗ ∂n/∂x s), where w leads from the sticking place to the point.
     pub fn curvature_term(&self, point: &SurfacePoint, touch: &Touch, bend: &Bend) -> Matrix3<f64> {
         let (turn, pressure) = (&bend.turn, self.stiffness(point) * touch.depth);

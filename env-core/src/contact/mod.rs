@@ -7,6 +7,7 @@
 mod approach;
 mod backing;
 mod engulfing;
+mod groups;
 mod law;
 mod leap;
 mod near;
@@ -15,6 +16,7 @@ mod touch;
 pub use approach::{advance_to_contact, backed_off, between, clearance, gap, nearest};
 pub use backing::Backing;
 pub use engulfing::{check_first, engulfs_unfelt, holds, is_engulfed, is_within};
+pub use groups::PointGroup;
 pub use law::{ContactLaw, Traction};
 pub use leap::went_through;
 pub use near::DistanceCache;

@@ -389,6 +389,11 @@ impl GelConfig {
         self.body((mesh, Law::default()), &[], config, FemOptions::default())
     }
 
+    /// Elastic moduli.
+    pub(crate) fn moduli(&self) -> Moduli {
+        Moduli { young: self.young, poisson: self.poisson }
+    }
+
     /// Builds finite elements of this material on a mesh with `fixed` nodes.
     pub(super) fn body(
         &self,
@@ -397,8 +402,7 @@ impl GelConfig {
         config: &DatasetConfig,
         limits: FemOptions,
     ) -> Result<Fem> {
-        let moduli = Moduli { young: self.young, poisson: self.poisson };
-        let body = SoftBody::new(mesh, law, moduli, fixed)?;
+        let body = SoftBody::new(mesh, law, self.moduli(), fixed)?;
         let element = config.truth_element.parse()?;
         let friction = self.friction;
         Fem::new(body, FemOptions { element, friction, ..limits })

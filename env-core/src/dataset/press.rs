@@ -20,7 +20,7 @@ use crate::{
         nodal::{ContactResolution, LayeredPad, Sides},
     },
     contact::between,
-    deformation::{Deformation, History, Law, Moduli, Press, SoftBody},
+    deformation::{Deformation, History, Law, Press, SoftBody},
     fem::{Carrier, Fem, FemOptions},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
@@ -51,7 +51,7 @@ impl PressedPad {
         let sensor = Sensor::named(&gel.sensor)?;
         let model = sensor.pad(nodes)?;
         let contact = || -> Result<_> {
-            let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+            let moduli = gel.moduli();
             let body = SoftBody::new(model.mesh.clone(), Law::Linear, moduli, &model.base)?;
             let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
             let compliance = Compliance::new(body, options)?;

@@ -4,7 +4,11 @@ use std::{fmt, str::FromStr, sync::Arc};
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{Error, Result, geometry::TetMesh, sensor::LARGEST_POISSON};
+use crate::{
+    Error, Result,
+    geometry::TetMesh,
+    sensor::{Calibration, LARGEST_POISSON},
+};
 
 /// Stress–strain law of an isotropic solid, given by its energy density ψ; J is the determinant of
 /// the deformation gradient F and I₁ the trace of `FᵀF`.
@@ -57,6 +61,12 @@ pub struct Moduli {
     pub young: f64,
     /// Poisson's ratio ν, from 0 to just under 0.5.
     pub poisson: f64,
+}
+
+impl From<&Calibration> for Moduli {
+    fn from(&Calibration { young, poisson, .. }: &Calibration) -> Self {
+        Self { young, poisson }
+    }
 }
 
 impl Moduli {

@@ -53,8 +53,8 @@ impl History {
         Ok(())
     }
 
-    /// This history for a press of other shapes: of each, its place among the present ones, or `None`
-    /// for one that touches nothing yet, with its pose.
+    /// This history for a press of other shapes: of each, its place among the present ones, or
+    /// `None` for one that touches nothing yet, with its pose.
     #[must_use]
     pub fn with_shapes(mut self, shapes: &[(Option<usize>, Isometry3<f64>)]) -> Self {
         let (anchors, forces) =

@@ -3,9 +3,13 @@
 //! Shapes: S rigid shapes.
 
 use nalgebra::{Isometry3, Unit, Vector3};
+use rayon::prelude::*;
 
 use super::{Drive, Press};
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    interrupt::{self, Interrupt},
+};
 
 /// Drive of the shapes in one frame of a press.
 #[derive(Clone, Copy, Debug)]
@@ -39,14 +43,25 @@ impl Press {
     }
 }
 
-/// Results of `solve` for `frames`; the first that fails is the last.
+/// Results of `solve` for `presses`, solved in parallel, each on one thread that obeys the caller's
+/// interrupt.
+pub(crate) fn solve_in_parallel<T: Send>(
+    presses: &[Press],
+    solve: impl Fn(&Press) -> T + Sync,
+) -> Vec<T> {
+    let interrupt = Interrupt::current();
+    presses.par_iter().map(|press| interrupt.during(|| solve(press))).collect()
+}
+
+/// Results of `solve` for `frames`; the first that fails, or before which the end is requested, is
+/// the last.
 pub(crate) fn solve_frames<F, T>(
     frames: impl IntoIterator<Item = F>,
     mut solve: impl FnMut(F) -> Result<T>,
 ) -> Vec<Result<T>> {
     let mut results = Vec::new();
     for frame in frames {
-        results.push(solve(frame));
+        results.push(interrupt::check().and_then(|()| solve(frame)));
         if results.last().is_some_and(Result::is_err) {
             break;
         }
@@ -57,7 +72,8 @@ pub(crate) fn solve_frames<F, T>(
 /// Moves a `solver` from 0 to 1 by load steps of adaptive size. `length` returns the part of the
 /// motion that the next step covers, and may lower its size; `solve` is given the part to reach. A
 /// step that fails is tried again with half the size if `retry` allows it, given the error and that
-/// size. Returns the result of the last step, or the error that ends the motion.
+/// size. Returns the result of the last step, or the error that ends the motion: a request to end
+/// it is obeyed before every step.
 pub(crate) fn solve_in_steps<S, T>(
     solver: &mut S,
     length: impl Fn(&S, &mut NextStep) -> f64,
@@ -66,6 +82,7 @@ pub(crate) fn solve_in_steps<S, T>(
 ) -> Result<T> {
     let mut step = NextStep { done: 0.0, size: 1.0 };
     loop {
+        interrupt::check()?;
         let next = f64::min(step.done + length(solver, &mut step), 1.0);
         match solve(solver, next) {
             Ok(result) if next == 1.0 => return Ok(result),
@@ -160,5 +177,31 @@ mod tests {
     fn frames_end_with_the_first_that_fails() {
         let results = solve_frames(1..5, |i| if i < 3 { Ok(i) } else { Err(REFUSED) });
         assert_eq!(results, [Ok(1), Ok(2), Err(REFUSED)]);
+    }
+
+    #[test]
+    fn frames_and_load_steps_end_when_it_is_requested() {
+        let interrupt = Interrupt::default();
+        let requested_at_two = |i| {
+            if i == 2 {
+                interrupt.request();
+            }
+            Ok(i)
+        };
+        let results = interrupt.during(|| solve_frames(1..5, requested_at_two));
+        assert_eq!(results, [Ok(1), Ok(2), Err(Error::Interrupted)]);
+        let mut tried = 0;
+        let result = interrupt.during(|| {
+            solve_in_steps(
+                &mut tried,
+                |_, step| step.size,
+                |_, _, _| true,
+                |tried, _| {
+                    *tried += 1;
+                    Ok(())
+                },
+            )
+        });
+        assert_eq!((result, tried), (Err(Error::Interrupted), 0));
     }
 }

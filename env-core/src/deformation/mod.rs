@@ -13,5 +13,7 @@ mod press;
 
 pub use body::{Law, Moduli, SoftBody};
 pub use history::{Anchor, History};
-pub(crate) use load_steps::{FrameDrive, NextStep, solve_frames, solve_in_steps};
+pub(crate) use load_steps::{
+    FrameDrive, NextStep, solve_frames, solve_in_parallel, solve_in_steps,
+};
 pub use press::{Deformation, DeformationModel, Drive, PredictedError, Press, Wanted, Wrench};

@@ -94,7 +94,7 @@ pub struct Deformation {
     pub poses: Vec<Isometry3<f64>>,
     /// History from which a later press may continue.
     pub history: History,
-    /// Newton steps taken since the last frame.
+    /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
     pub iterations: usize,
     /// Norm of the residual force (N).
     pub residual: f64,
@@ -141,15 +141,20 @@ pub struct Wanted {
     pub residual: bool,
 }
 
+impl Wanted {
+    /// All parts.
+    pub const ALL: Self = Self { stress: true, residual: true };
+}
+
 /// Model that solves presses of one soft body.
-pub trait DeformationModel: Send {
+pub trait DeformationModel: Send + Sync {
     /// Solves each press and returns its last frame, in order. A press that fails is an error in
     /// its place.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>>;
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>>;
 
     /// Solves each press as [`DeformationModel::solve`] does; optional parts of the solutions that
     /// are not `wanted` may be left out.
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let _ = wanted;
         self.solve(presses)
     }

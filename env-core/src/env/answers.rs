@@ -27,7 +27,7 @@ pub(super) struct Answer {
 /// the optional parts `wanted`, on the threads of `pool` or of the caller. A panic in one press
 /// becomes the error of that press.
 pub(super) fn answers(
-    model: &mut TactileModel,
+    model: &TactileModel,
     objects: &[usize],
     presses: &[Press],
     wanted: Wanted,
@@ -55,7 +55,7 @@ pub(super) fn answers(
 /// solved again from rest with only its last pose ([`Press::final_frame`]).
 fn restarted(
     presses: &[Press],
-    mut ask: impl FnMut(&[usize], &[Press]) -> Vec<Result<Deformation>>,
+    ask: impl Fn(&[usize], &[Press]) -> Vec<Result<Deformation>>,
 ) -> Vec<Answer> {
     let all: Vec<_> = (0..presses.len()).collect();
     let plain = |found| Answer { found, restarted: None };
@@ -89,20 +89,20 @@ fn unfolded(mut answer: Deformation, press: &Press, mesh: &TetMesh) -> Result<De
 }
 
 fn each(
-    model: &mut TactileModel,
+    model: &TactileModel,
     objects: &[usize],
     presses: &[Press],
     wanted: Wanted,
 ) -> Vec<Result<Deformation>> {
-    let mut solve = |objects: &[usize], presses: &[Press]| {
+    let solve = |objects: &[usize], presses: &[Press]| {
         catch_unwind(AssertUnwindSafe(|| model.solve_partially(objects, presses, wanted)))
     };
     solve(objects, presses).unwrap_or_else(|_| {
-        let mut alone = |(object, press)| {
+        let alone = |(object, press)| {
             let one = solve(slice::from_ref(object), slice::from_ref(press)).ok();
             one.and_then(|mut one| one.pop()).unwrap_or(Err(Error::Panicked))
         };
-        objects.iter().zip(presses).map(&mut alone).collect()
+        objects.iter().zip(presses).map(alone).collect()
     })
 }
 
@@ -114,7 +114,7 @@ mod tests {
     use crate::{
         deformation::{DeformationModel, History},
         geometry::Shape,
-        tactile::{Choice, Model, Resolution, TactileConfig, TactilePad},
+        tactile::{Choice, Resolution, TactileConfig, TactilePad},
     };
 
     /// Linear model of a coarse pad.
@@ -127,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_path_that_fails_is_solved_from_rest_at_its_final_frame() {
-        let mut model = TactileModel::Pads(coarse());
+        let model = TactileModel::Pads(coarse());
         let radius = 8e-3;
         let at = |depth: f64| vec![Isometry3::translation(0.0, 0.0, radius - depth)];
         let press = Press::along(vec![Shape::Sphere { radius }], vec![at(3e-4)]).unwrap();
@@ -138,7 +138,7 @@ mod tests {
             History { displacement, poses, anchors: Vec::new(), forces: Vec::new(), folded: false };
         let asked = [press.clone(), press.after(history).unwrap()];
         let [straight, lost] =
-            answers(&mut model, &[0, 0], &asked, Wanted::default(), None).try_into().ok().unwrap();
+            answers(&model, &[0, 0], &asked, Wanted::default(), None).try_into().ok().unwrap();
         assert_eq!([straight.restarted, lost.restarted], [None, Some("invalid")]);
         let forces = [straight, lost].map(|answer| answer.found.unwrap().contact_force);
         assert!(forces[0].iter().any(|force| force.norm() > 0.0));
@@ -147,7 +147,8 @@ mod tests {
 
     #[test]
     fn an_answer_that_folds_twice_is_an_error() {
-        let mut model: Model = coarse().model().clone();
+        let pad = coarse();
+        let model = pad.model();
         let radius = 8e-3;
         let pose = Isometry3::translation(0.0, 0.0, radius - 3e-4);
         let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();

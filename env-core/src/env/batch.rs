@@ -45,8 +45,6 @@ const DISTRACTORS: [&str; MOST_DISTRACTORS] =
 pub struct Batch {
     setup: Arc<Setup>,
     rows: Vec<Row>,
-    /// Model that solves the presses.
-    model: TactileModel,
     /// Time spent on all rows together.
     costs: StageTimes,
     autoreset: Autoreset,
@@ -102,11 +100,9 @@ impl Batch {
         }
         let observation = vec![0.0; rows * setup.layout().size()];
         let rows = (0..rows as u64).map(Row::new).collect();
-        let model = setup.tactile().clone();
         Ok(Self {
             setup,
             rows,
-            model,
             costs: StageTimes::default(),
             autoreset,
             threads,
@@ -227,7 +223,7 @@ impl Batch {
 
     /// Solves the presses of all rows in one call.
     fn solve_presses(&mut self) {
-        if matches!(self.model, TactileModel::Rigid) {
+        if matches!(self.setup.tactile(), TactileModel::Rigid) {
             return;
         }
         let (mut from, mut presses) = (Vec::new(), Vec::new());
@@ -243,7 +239,7 @@ impl Batch {
         let wanted = self.setup.wanted();
         let pool = self.pool.as_ref().map(|(_, pool)| pool);
         let objects: Vec<_> = from.iter().map(|&(i, _)| self.rows[i].object()).collect();
-        let solve = || answers(&mut self.model, &objects, &presses, wanted, pool);
+        let solve = || answers(self.setup.tactile(), &objects, &presses, wanted, pool);
         let answers = self.costs.time_all(MODEL, presses.len() as u64, solve);
         for ((i, finger), answer) in from.into_iter().zip(answers) {
             self.rows[i].answer(finger, answer);
@@ -347,7 +343,7 @@ impl Batch {
         let wanted = Wanted { stress: true, residual: false };
         let deformation = self.rows[row].touch_again(&self.setup)?.map(|press| {
             let press = press.as_slice();
-            answers(&mut self.model, &[parameters.object], press, wanted, pool).pop()
+            answers(self.setup.tactile(), &[parameters.object], press, wanted, pool).pop()
         });
         let deformation = stiffened(
             deformation.map(|answer| answer.map(|answer| answer.found)),
@@ -423,7 +419,7 @@ impl Batch {
     fn start_threads(&mut self) -> Result<()> {
         let (wanted, process) = (self.wanted_threads(), process::id());
         // Models run in parallel on the pool from which they are called, by default the global one.
-        let needed = wanted > 1 || !matches!(self.model, TactileModel::Rigid);
+        let needed = wanted > 1 || !matches!(self.setup.tactile(), TactileModel::Rigid);
         if !needed || self.pool.as_ref().is_some_and(|(owner, _)| *owner == process) {
             return Ok(());
         }

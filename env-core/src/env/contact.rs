@@ -234,8 +234,7 @@ mod tests {
         let mut contact = ContactState::new(setup.tactile(), path[0].clone());
         let presses = contact.press(&setup, &scene, &path[1..], &parameters).unwrap();
         let press = presses[0].clone().expect("the object is in reach");
-        let solution =
-            setup.tactile().clone().solve_partially(&[0], &[press], Wanted::default()).remove(0);
+        let solution = setup.tactile().solve_partially(&[0], &[press], Wanted::default()).remove(0);
         let force = solution.map(|solution| solution.wrench.force.norm());
         // It stands beside the face of the pad, which feels nothing.
         assert_eq!(force, Ok(0.0));

@@ -14,6 +14,7 @@ use crate::{
     Error, Result,
     contact::{ContactStep, Touch, engulfs_unfelt},
     deformation::Anchor,
+    error::StepDefect,
     geometry::Shape,
     interrupt,
 };
@@ -44,8 +45,8 @@ impl PressSolver<'_> {
         let mut contact = ContactStep::new(shapes, &system.surface, from, start, &self.anchors)
             .with_seen(self.state.displacement.clone(), std::mem::take(&mut self.seen));
         contact.one_sided = self.one_sided;
-        if contact.runs_over(&poses, system.deepest()) {
-            return Err(self.missed());
+        if contact.runs_over(&poses, system.law.deep()) {
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         self.attend(&mut contact, shapes, &poses, push.is_some(), &places);
         let mut state = Configuration { displacement: self.state.displacement.clone(), poses };
@@ -58,16 +59,14 @@ impl PressSolver<'_> {
         let (balance, forces) =
             equilibrium(system, solver, &mut state, &mut contact, push, &self.limits)?;
         let places = system.surface_places(&state.displacement);
-        if contact.goes_through(&state.poses, &places, system.deepest()) {
-            return Err(self.missed());
+        if contact.goes_through(&state.poses, &places, system.law.deep()) {
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         let felt = |s| forces.touches.iter().any(|touch| touch.shape == s);
         if engulfs_unfelt(shapes, &state.poses, felt, self.mesh, &state.displacement) {
-            return Err(self.missed());
+            return Err(Error::StepTooLong { defect: StepDefect::Engulfed });
         }
-        let (path, limits) =
-            ([&self.state.poses[..], &state.poses], [system.deepest(), self.limits.tolerance]);
-        system.backing.check(shapes, path, limits)?;
+        system.backing.check(shapes, [&self.state.poses, &state.poses], system.law.deep())?;
         let depth = forces.touches.iter().map(|touch| touch.depth).fold(0.0, f64::max);
         let most = system.refused();
         if depth > most {
@@ -103,12 +102,6 @@ impl PressSolver<'_> {
         if !everywhere || region.is_some() {
             self.solver = Some(DirectSolver::new(self.system, region));
         }
-    }
-
-    /// Returns the error of a load step in which a shape and the surface pass through each other.
-    fn missed(&self) -> Error {
-        let (residual, tolerance) = (f64::INFINITY, self.limits.tolerance);
-        Error::NotConverged { iterations: 0, residual, tolerance }
     }
 
     /// Makes an attempt the current state.

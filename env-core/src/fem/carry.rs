@@ -80,11 +80,12 @@ impl Carrier {
         Carried { displacement, von_mises }
     }
 
-    /// Returns the fields of a solution `nonlinear` (N) by this operator's model plus the difference
-    /// `better` − `linear` of two solutions by the linear law: `linear` (N) on the same mesh, and
-    /// `better` by the model of `finer`, an operator to the same mesh. The deformation gradient is that
-    /// of the nonlinear solution times the exponential of the difference of the linear gradients, which
-    /// inverts no element. Returns an error if the elements are not quadratic.
+    /// Returns the fields of a solution `nonlinear` (N) by this operator's model plus the
+    /// difference `better` − `linear` of two solutions by the linear law: `linear` (N) on the same
+    /// mesh, and `better` by the model of `finer`, an operator to the same mesh. The deformation
+    /// gradient is that of the nonlinear solution times the exponential of the difference of the
+    /// linear gradients, which inverts no element. Returns an error if the elements are not
+    /// quadratic.
     pub(crate) fn corrected(
         &self,
         [nonlinear, linear]: [&[Vector3<f64>]; 2],
@@ -213,7 +214,8 @@ mod tests {
         let nodal = |fem: &Fem, field: ExactField, part: f64| -> Vec<_> {
             fem.system.nodes.places.iter().map(|p| field(p) * part).collect()
         };
-        // From rest, small; and where both linear solutions are one, the nonlinear is left as it is.
+        // From rest, small; and where both linear solutions are one, the nonlinear is left as it
+        // is.
         for (part, scales) in [(1e-4, [0.0, 1.0, 3.0, 2.0]), (1.0, [1.0, 1.0, 1.0, 1.0])] {
             let [nonlinear, linear, better, sum] = scales.map(|scale| scale * part);
             let states = [nonlinear, linear].map(|scale| nodal(&fem, quadratic, scale));

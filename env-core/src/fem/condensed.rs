@@ -24,8 +24,9 @@ use crate::contact::{ContactStep, Touch};
 
 /// Most Newton steps of the small system.
 const STEPS: usize = 30;
-/// Shares of such a step that are tried with friction; the last is taken even if the residual rises.
-/// Without friction whole steps converge, and shorter ones may end on the wrong side of an edge.
+/// Shares of such a step that are tried with friction; the last is taken even if the residual
+/// rises. Without friction whole steps converge, and shorter ones may end on the wrong side of an
+/// edge.
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 /// Exponent p: for N unknowns in all, a dense system of at most Nᵖ unknowns is used, since solving
 /// it a few times costs less than factorising the sparse one.
@@ -212,7 +213,7 @@ impl CondensedSystem<'_> {
         let places: Vec<_> = points.iter().zip(start).map(moved).collect::<Option<_>>()?;
         let touches = contact.touches_among(points, self.poses, &places);
         let through = |touch: &Touch| {
-            touch.depth > self.system.deepest() && contact.passed_through(touch, self.poses)
+            touch.depth > self.system.law.deep() && contact.passed_through(touch, self.poses)
         };
         (!touches.iter().any(through)).then_some(touches)
     }

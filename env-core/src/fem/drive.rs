@@ -160,7 +160,8 @@ impl<'a> PressSolver<'a> {
         })
     }
 
-    /// Moves the shapes along the push until the first of them touches, and returns whether one does.
+    /// Moves the shapes along the push until the first of them touches, and returns whether one
+    /// does.
     fn meet(&mut self, press: &Press, push: &ForceControl) -> bool {
         let places = self.system.surface_places(&self.state.displacement);
         let clearance = |poses: &[_]| clearance(press.shapes(), poses, &places);
@@ -235,5 +236,8 @@ impl<'a> PressSolver<'a> {
 
 /// Returns whether a shorter load step may avoid `error`.
 pub(super) fn is_too_long(error: &Error) -> bool {
-    matches!(error, Error::NotConverged { .. } | Error::Penetrated { .. })
+    matches!(
+        error,
+        Error::NotConverged { .. } | Error::StepTooLong { .. } | Error::Penetrated { .. }
+    )
 }

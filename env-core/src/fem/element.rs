@@ -6,11 +6,11 @@ use std::{fmt, str::FromStr};
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::patches::{EDGES, edges, patches};
+use super::patches::{edges, patches};
 use crate::{
     Error, Result,
     deformation::{Moduli, SoftBody},
-    geometry::TetMesh,
+    geometry::{EDGES, TetMesh},
 };
 
 /// Kind of finite element.
@@ -118,10 +118,6 @@ pub(super) fn barycentric([a, b, c, d]: [Point3<f64>; 4]) -> ([Vector3<f64>; 4],
     ([-(u + v + w), u, v, w], edges.determinant() / 6.0)
 }
 
-fn corners(mesh: &TetMesh, tet: u32) -> [Point3<f64>; 4] {
-    mesh.tets[tet as usize].map(|node| mesh.vertices[node as usize])
-}
-
 /// Linear tetrahedra; `averaged` ones in patches that share one dilatation.
 pub(super) fn linear_cells(mesh: &TetMesh, moduli: &[Moduli], averaged: bool) -> Vec<Cell<4>> {
     let groups = if averaged {
@@ -134,7 +130,7 @@ pub(super) fn linear_cells(mesh: &TetMesh, moduli: &[Moduli], averaged: bool) ->
         nodes.sort_unstable();
         nodes.dedup();
         let points = group.iter().map(|&tet| {
-            let (gradients, volume) = barycentric(corners(mesh, tet));
+            let (gradients, volume) = barycentric(mesh.corners(tet as usize));
             let local = mesh.tets[tet as usize].map(|node| index_in(&nodes, node));
             EnergyPoint { tet, local, gradients, volume }
         });
@@ -168,7 +164,7 @@ pub(super) fn quadratic_nodes(mesh: &TetMesh, nodes: &Nodes) -> Vec<[u32; 10]> {
 /// Quadratic tetrahedra.
 pub(super) fn quadratic_cells(mesh: &TetMesh, nodes: &Nodes) -> Vec<Cell<10>> {
     let cell = |(tet, nodes): (u32, [u32; 10])| {
-        let (gradients, volume) = barycentric(corners(mesh, tet));
+        let (gradients, volume) = barycentric(mesh.corners(tet as usize));
         let points = FOUR_POINTS.map(|l| EnergyPoint {
             tet,
             local: std::array::from_fn(|i| i as u8),

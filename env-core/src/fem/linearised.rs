@@ -1,9 +1,9 @@
 //! A body linearised at rest.
 //!
-//! At rest the stiffness is the same for all laws; unless another element is asked for, it is that of
-//! `p1-bar`. Fixed nodes do not move.
-//! The stiffness of a free body has no inverse: each of its nodes is tied to its position at rest
-//! by a spring so weak that contact alone determines where the body lies.
+//! At rest the stiffness is the same for all laws; unless another element is asked for, it is that
+//! of `p1-bar`. Fixed nodes do not move. The stiffness of a free body has no inverse: each of its
+//! nodes is tied to its position at rest by a spring so weak that contact alone determines where
+//! the body lies.
 
 use faer::dyn_stack::MemBuffer;
 use nalgebra::{Point3, Vector3};
@@ -49,8 +49,8 @@ pub(crate) struct SolverWorkspace {
 }
 
 impl Linearised {
-    /// Linearises `body` in elements of the usual kind; returns an error if its fixed nodes leave it
-    /// free to move as a whole.
+    /// Linearises `body` in elements of the usual kind; returns an error if its fixed nodes leave
+    /// it free to move as a whole.
     pub(crate) fn new(body: &SoftBody) -> Result<Self> {
         Self::of(body, Element::P1Bar)
     }
@@ -174,8 +174,8 @@ impl Linearised {
         rows
     }
 
-    /// Norm of the residual force under a displacement of the nodes (m) and `contact` forces on them
-    /// (N); `None` if an element is inverted.
+    /// Norm of the residual force under a displacement of the nodes (m) and `contact` forces on
+    /// them (N); `None` if an element is inverted.
     pub(crate) fn residual(
         &self,
         displacement: &[Vector3<f64>],

@@ -11,12 +11,12 @@
 //! [`FemOptions::tolerance`]; for bodies stiffer than 1 MPa the tolerance grows in proportion.
 //! Shapes penetrate by [`FemOptions::softness`] × pressure / Young's modulus, and a sticking point
 //! creeps by four times that × friction. At the default softness this costs 0.3 % of the force at a
-//! depth of 0.5 mm, 0.1 % at 1 mm. A solution in which a point is deeper than 250 softnesses, or than half
-//! of the body's smallest extent, is an error; so is one with a shape wholly inside the body, or
-//! more than ten softnesses inside the held faces, which are rigid and carry no contact force here.
-//! Contact points lie 0.4 mm apart, closer for a shape thinner than 0.6 mm ([`Shape::thickness`]),
-//! but not closer than 1/128 of a face's width, and at most a million in all: a shape that would
-//! need more along its path is refused.
+//! depth of 0.5 mm, 0.1 % at 1 mm. A solution in which a point is deeper than 250 softnesses, or
+//! than half of the body's smallest extent, is an error; so is one with a shape wholly inside the
+//! body, or more than ten softnesses inside the held faces, which are rigid and carry no contact
+//! force here. Contact points lie 0.4 mm apart, closer for a shape thinner than 0.6 mm
+//! ([`Shape::thickness`]), but not closer than 1/128 of a face's width, and at most a million in
+//! all: a shape that would need more along its path is refused.
 
 mod attempt;
 mod carry;
@@ -55,16 +55,16 @@ mod tests;
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 #[cfg(doc)]
 use crate::geometry::Shape;
 use crate::{
     Error, Result,
     contact::{Backing, ContactLaw, check_first, holds, is_engulfed},
-    deformation::{Deformation, DeformationModel, Drive, History, Press, SoftBody},
+    deformation::{
+        Deformation, DeformationModel, Drive, History, Press, SoftBody, solve_in_parallel,
+    },
     geometry::TetMesh,
-    interrupt::Interrupt,
 };
 
 use drive::PressSolver;
@@ -210,13 +210,10 @@ pub(crate) fn held_all_round(body: &SoftBody) -> Error {
 
 impl DeformationModel for Fem {
     /// Solves presses in parallel, each on one thread.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        let interrupt = Interrupt::current();
-        let last = |press: &Press| {
-            let frames = interrupt.during(|| self.solve_path(press));
-            frames.into_iter().next_back().expect("a press has a frame or an error")
-        };
-        presses.par_iter().map(last).collect()
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        let last =
+            |press: &Press| self.solve_path(press).pop().expect("a press has a frame or an error");
+        solve_in_parallel(presses, last)
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

@@ -2,8 +2,8 @@
 //!
 //! A step is first tried with contact solved on its own nodes ([`super::condensed`]); it may raise
 //! the residual for a few steps, but not the energy. If that fails, or contact involves too many
-//! nodes, it is tried with the factor of an earlier step, corrected by GMRES for the contact springs
-//! that are missing in it. The other methods are used if that fails, too, and for pushes.
+//! nodes, it is tried with the factor of an earlier step, corrected by GMRES for the contact
+//! springs that are missing in it. The other methods are used if that fails, too, and for pushes.
 //!
 //! The stiffness is used unchanged where it is positive definite. Where it is not, its diagonal is
 //! raised step by step, and if that is not enough it is filtered element by element, which is safe

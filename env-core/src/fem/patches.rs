@@ -10,12 +10,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::Point3;
 
-use crate::{deformation::Moduli, geometry::TetMesh};
-
-/// Corners of the edges of a tetrahedron.
-pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-/// Corners of the faces of a tetrahedron, counter-clockwise from outside; face i lies opposite i.
-pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+use crate::{
+    deformation::Moduli,
+    geometry::{EDGES, FACES, TetMesh},
+};
 
 /// The mesh's edges, each with its nodes in ascending order, and the tetrahedra around it.
 pub(super) fn edges(mesh: &TetMesh) -> BTreeMap<[u32; 2], Vec<u32>> {

@@ -14,13 +14,13 @@ use nalgebra::{DMatrix, Point3, Vector2, Vector3};
 
 use super::{
     element::{Element, Nodes},
-    patches::{FACES, faces},
+    patches::faces,
     spacing::{Spacing, longest_edge},
 };
 use crate::{
     contact::{Backing, SurfacePoint},
     deformation::SoftBody,
-    geometry::TetMesh,
+    geometry::{FACES, TetMesh},
 };
 
 /// Cosine of the angle between a face and the mean normal at its node below which the node lies on
@@ -297,7 +297,7 @@ mod tests {
         let at = [Isometry3::translation(0.0, 0.0, corner.z)];
         let held = |inner: f64| {
             let ring = Shape::Annulus { outer: 0.02, inner, half_height: 1e-3 };
-            backing.check(&[ring], [&at, &at], [2e-5, 0.0])
+            backing.check(&[ring], [&at, &at], 2e-5)
         };
         let farthest = corner.x.hypot(corner.y);
         assert!(held(farthest + 1e-6).is_ok(), "a ring round the body");

@@ -140,7 +140,7 @@ impl System {
         let touches = step.touches_displaced(&state.poses, &self.nodes.places, &state.displacement);
         if touches
             .iter()
-            .any(|touch| touch.depth > self.deepest() && step.passed_through(touch, &state.poses))
+            .any(|touch| touch.depth > self.law.deep() && step.passed_through(touch, &state.poses))
         {
             return None;
         }
@@ -149,12 +149,6 @@ impl System {
             point.spread(&-self.contact_force(touch), &mut gradient);
         }
         Some(Forces { elastic, gradient, strain, touches })
-    }
-
-    /// Depth at which the contact pressure is ten times Young's modulus (m): deeper points are
-    /// checked for having passed through a shape, and no shape may go deeper into the backing.
-    pub(super) fn deepest(&self) -> f64 {
-        10.0 * self.law.softness
     }
 
     /// Depth of a touching point above which a solution is refused (m), at most half of the body's

@@ -6,13 +6,13 @@ use super::{
     Fem, FemOptions,
     element::{Element, Nodes, barycentric, quadratic_gradients},
     examples::grid,
-    patches::{EDGES, FACES, faces},
+    patches::faces,
     pattern::Pattern,
     solid::{Solid, Strain, solid},
 };
 use crate::{
     deformation::{Law, Moduli, Press, SoftBody},
-    geometry::{Shape, TetMesh},
+    geometry::{EDGES, FACES, Shape, TetMesh},
 };
 
 /// A linear elastic body in one discretisation.

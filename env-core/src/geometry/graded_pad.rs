@@ -263,8 +263,8 @@ mod tests {
         assert!(fine < 0.6 * coarse, "{coarse} m on 1,000 nodes, {fine} m on 8,000");
     }
 
-    /// Datasets are resumed with meshes equal to the bit: points, nodes asked for, nodes, tetrahedra
-    /// and the last vertex (nm).
+    /// Datasets are resumed with meshes equal to the bit: points, nodes asked for, nodes,
+    /// tetrahedra and the last vertex (nm).
     #[test]
     fn meshes_that_had_no_nodes_left_over_stay_as_they_are() {
         let [_, one, two, _] = few();

@@ -117,8 +117,8 @@ impl PadMesh {
         Self::of_positions([&across, &along, &down], |x, y| outline.height(x, y))
     }
 
-    /// Meshes columns at positions across and along, with layers at depths `down` under the apex, and
-    /// the face at a `height` (m) over it.
+    /// Meshes columns at positions across and along, with layers at depths `down` under the apex,
+    /// and the face at a `height` (m) over it.
     fn of_positions(
         [across, along, down]: [&[f64]; 3],
         height: impl Fn(f64, f64) -> f64,
@@ -159,8 +159,8 @@ impl PadMesh {
         })
     }
 
-    /// Ends of the edge in whose middle each node of [`PadMesh::halved`] lies; twice the same node if it
-    /// is one of this mesh.
+    /// Ends of the edge in whose middle each node of [`PadMesh::halved`] lies; twice the same node
+    /// if it is one of this mesh.
     pub fn ends_of_halves(&self) -> Vec<[u32; 2]> {
         let [nx, ny, nz] = self.cells.map(|cells| 2 * cells as usize + 1);
         let [across, along, _] = self.cells.map(|cells| cells as usize + 1);
@@ -174,8 +174,8 @@ impl PadMesh {
         places.map(|half| [end(half, 0), end(half, 1)]).collect()
     }
 
-    /// The same pad with the middles of all edges as nodes, too: two cells in the place of one along
-    /// each axis, with the same polyhedron as its surface.
+    /// The same pad with the middles of all edges as nodes, too: two cells in the place of one
+    /// along each axis, with the same polyhedron as its surface.
     #[must_use]
     pub fn halved(&self) -> Self {
         let middle = |[a, b]: [u32; 2]| {
@@ -186,12 +186,12 @@ impl PadMesh {
         Self::of_vertices(count, vertices).expect("halves of good tetrahedra are good")
     }
 
-    /// The pad as a flat layer of the same thickness that goes on beyond the sides as far as `reach`
-    /// (m) or farther, with the same nodes in plan and depth where the pad is; and the layer's node
-    /// in the place of each of the pad's.
+    /// The pad as a flat layer of the same thickness that goes on beyond the sides as far as
+    /// `reach` (m) or farther, with the same nodes in plan and depth where the pad is; and the
+    /// layer's node in the place of each of the pad's.
     pub fn as_layer(&self, reach: f64) -> Result<(Self, Vec<u32>)> {
-        /// Growth of the spacing from one column to the next. Even numbers of them keep the pattern of
-        /// the tetrahedra.
+        /// Growth of the spacing from one column to the next. Even numbers of them keep the pattern
+        /// of the tetrahedra.
         const GROWTH: f64 = 1.6;
         let [nx, ny, nz] = self.cells.map(|cells| cells as usize + 1);
         let at = |node: usize| self.mesh.vertices[node];

@@ -215,8 +215,8 @@ fn grown(profile: &[[f64; 2]], radius: f64, segments: u32) -> Vec<[f64; 2]> {
 /// Angle (rad) below which two sides are in line.
 const FLAT: f64 = 1e-9;
 
-/// Right prism over a convex polygon, which turns by the same angle at each of its `corners`, counter-
-/// clockwise from the side that faces +x; grown by `radius` (m).
+/// Right prism over a convex polygon, which turns by the same angle at each of its `corners`,
+/// counter-clockwise from the side that faces +x; grown by `radius` (m).
 fn rounded_prism(
     corners: &[Vector2<f64>],
     half_height: f64,

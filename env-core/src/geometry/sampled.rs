@@ -84,9 +84,9 @@ impl Sampled {
         Distance { value: self.1 * found.value, normal: found.normal }
     }
 
-    /// Returns [`Shape::distance_error`] of this solid: interpolation of a distance is off by at most
-    /// √3/2 of the nodes' spacing, and that of a star-shaped solid at a node by a thousandth of the
-    /// radius, of which the coarse spacing is a fortieth or more.
+    /// Returns [`Shape::distance_error`] of this solid: interpolation of a distance is off by at
+    /// most √3/2 of the nodes' spacing, and that of a star-shaped solid at a node by a thousandth
+    /// of the radius, of which the coarse spacing is a fortieth or more.
     pub(super) fn distance_error(&self) -> f64 {
         self.1 * self.0.coarse.spacing
     }

@@ -349,9 +349,7 @@ impl Shape {
                 let lean = (rim - bottom).atan2(2.0 * half_height);
                 wall * lean.cos()
             }
-            Self::Hollow(hollow) => {
-                2.0 * (1.0 - hollow.cavity()) * hollow.solid().semi_axes().min()
-            }
+            Self::Hollow(hollow) => (1.0 - hollow.cavity()) * hollow.solid().semi_axes().min(),
             Self::Rounded(rounded) => rounded.sharp().thickness(),
             Self::Sampled(sampled) => sampled.scale() * sampled.exact().thickness(),
             Self::StarShaped(_) | Self::HalfSpace | Self::Mesh(_) => f64::INFINITY,
@@ -527,6 +525,13 @@ mod tests {
             (
                 Shape::Cup { bottom: 2e-3, rim: 4e-3, half_height: 3e-3, wall: 5e-4 },
                 Point3::new(2.75e-3, 0.0, 0.0),
+            ),
+            (
+                Shape::Hollow(Hollow::new(
+                    StarShaped::new(Vector3::new(5e-3, 4e-3, 2e-3), Vec::new()),
+                    0.8,
+                )),
+                Point3::new(0.0, 0.0, 1.8e-3),
             ),
         ];
         for (shape, middle) in cases {

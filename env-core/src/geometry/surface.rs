@@ -63,8 +63,9 @@ impl Surface {
             )));
         }
         let volume = surface.mass_properties(1.0).mass;
-        let box_volume: f64 = surface.bounds().1.coords.iter().product::<f64>();
-        if volume == 0.0 || !volume.is_finite() || volume.abs() < 1e-9 * box_volume.abs() {
+        let (low, high) = surface.bounds();
+        let box_volume = (high - low).product();
+        if volume == 0.0 || !volume.is_finite() || volume.abs() < 1e-9 * box_volume {
             return Err(bad(format!("it encloses no volume ({volume:.3e} m³)")));
         }
         if volume < 0.0 {
@@ -307,6 +308,23 @@ fn subdivide(directions: &mut Vec<Vector3<f64>>, triangles: &[[u32; 3]]) -> Vec<
     finer
 }
 
+/// Outward unit normals at the `vertices` of `triangles`: means weighted by area, zero where there
+/// is none.
+pub(crate) fn vertex_normals(
+    vertices: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::<f64>::zeros(); vertices.len()];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|vertex| vertices[vertex as usize]);
+        let twice_area = (b - a).cross(&(c - a));
+        for &vertex in triangle {
+            normals[vertex as usize] += twice_area;
+        }
+    }
+    normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -379,6 +397,20 @@ mod tests {
         assert!(message(&infinite, t).contains("vertex 2 is not finite"));
         let flat: Vec<_> = v.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
         assert!(Surface::new("flat", &flat, t).is_err());
+    }
+
+    #[test]
+    fn a_small_solid_is_accepted_far_from_the_origin_and_a_flat_one_is_not() {
+        let cube = Surface::cuboid(&Vector3::repeat(4.5e-4));
+        let at = |flat: f64| -> Vec<_> {
+            let place = |v: &Point3<f64>| Point3::new(1.0 + v.x, 1.0 + v.y, 1.0 + flat * v.z);
+            cube.vertices.iter().map(place).collect()
+        };
+        let volume =
+            Surface::new("cube", &at(1.0), &cube.triangles).map(|s| s.mass_properties(1.0));
+        let volume = volume.unwrap().mass;
+        assert!((volume / 9e-4f64.powi(3) - 1.0).abs() < 1e-9, "{volume} m³");
+        assert!(Surface::new("flat", &at(0.0), &cube.triangles).is_err());
     }
 
     #[test]

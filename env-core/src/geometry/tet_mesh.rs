@@ -37,6 +37,26 @@ pub struct Incidence {
 }
 
 impl Incidence {
+    /// Simplices around each of `count` vertices, of which `simplices` lists the corners.
+    pub(crate) fn around<const N: usize>(count: usize, simplices: &[[u32; N]]) -> Self {
+        let mut starts = vec![0; count + 1];
+        for &v in simplices.iter().flatten() {
+            starts[v as usize + 1] += 1;
+        }
+        for i in 1..starts.len() {
+            starts[i] += starts[i - 1];
+        }
+        let mut next = starts.clone();
+        let mut items = vec![0; N * simplices.len()];
+        for (i, corners) in simplices.iter().enumerate() {
+            for &v in corners {
+                items[next[v as usize] as usize] = i as u32;
+                next[v as usize] += 1;
+            }
+        }
+        Self { starts, items }
+    }
+
     /// Items that belong to `vertex`.
     pub fn of(&self, vertex: u32) -> &[u32] {
         let [from, to] = [vertex, vertex + 1].map(|i| self.starts[i as usize] as usize);
@@ -51,9 +71,9 @@ pub(super) const MOST_PARTS: usize = 4_000_000;
 const FLAT: f64 = 1e-10;
 
 /// Corners of the face opposite to each corner, counter-clockwise seen from outside.
-const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
+pub(crate) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
 /// Corners of the edges; edge 5 − e is opposite to edge e.
-const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
+pub(crate) const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
 impl TetMesh {
     /// Returns a mesh of these parts, or an error that names the first defect found: an index out
@@ -153,22 +173,7 @@ impl TetMesh {
 
     /// For every vertex, the tetrahedra that it is a corner of.
     pub fn tets_of_vertices(&self) -> Incidence {
-        let mut starts = vec![0; self.vertices.len() + 1];
-        for &v in self.tets.iter().flatten() {
-            starts[v as usize + 1] += 1;
-        }
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut next = starts.clone();
-        let mut items = vec![0; 4 * self.tets.len()];
-        for (t, corners) in self.tets.iter().enumerate() {
-            for &v in corners {
-                items[next[v as usize] as usize] = t as u32;
-                next[v as usize] += 1;
-            }
-        }
-        Incidence { starts, items }
+        Incidence::around(self.vertices.len(), &self.tets)
     }
 
     /// Angles between the faces of tetrahedron `t` (rad), one for every edge.

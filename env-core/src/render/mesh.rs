@@ -2,7 +2,10 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::{Error, Result, geometry::Surface};
+use crate::{
+    Error, Result,
+    geometry::{Incidence, Surface},
+};
 
 /// Angle between two faces below which they are shaded as one curved surface (rad).
 const CREASE: f64 = 0.55;
@@ -63,12 +66,11 @@ fn corner_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[Vect
         })
         .collect();
     let units: Vec<Vector3<f64>> = areas.iter().map(unit).collect();
-    let (first, around) = triangles_around(vertices.len(), triangles);
+    let around = Incidence::around(vertices.len(), triangles);
     let smooth = CREASE.cos();
     let corner = |triangle: usize, vertex: u32| {
         let own = units[triangle];
-        let range = first[vertex as usize]..first[vertex as usize + 1];
-        let near = around[range].iter().filter(|&&t| units[t as usize].dot(&own) >= smooth);
+        let near = around.of(vertex).iter().filter(|&&t| units[t as usize].dot(&own) >= smooth);
         let sum = near.map(|&t| areas[t as usize]).sum::<Vector3<f64>>();
         unit(&(sum + 1e-9 * areas[triangle])).cast::<f32>()
     };
@@ -78,25 +80,6 @@ fn corner_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[Vect
 /// Unit vector along `v`, or along z for a triangle without area.
 fn unit(v: &Vector3<f64>) -> Vector3<f64> {
     v.try_normalize(f64::MIN_POSITIVE).unwrap_or_else(Vector3::z)
-}
-
-/// Triangles around each vertex, as ranges (V + 1) into one list.
-fn triangles_around(vertices: usize, triangles: &[[u32; 3]]) -> (Vec<usize>, Vec<u32>) {
-    let mut first = vec![0; vertices + 1];
-    for &v in triangles.iter().flatten() {
-        first[v as usize + 1] += 1;
-    }
-    for v in 0..vertices {
-        first[v + 1] += first[v];
-    }
-    let (mut next, mut around) = (first.clone(), vec![0; 3 * triangles.len()]);
-    for (t, corners) in triangles.iter().enumerate() {
-        for &v in corners {
-            around[next[v as usize]] = t as u32;
-            next[v as usize] += 1;
-        }
-    }
-    (first, around)
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::{ObjectModel, SoftPads};
 use crate::{
     Result,
-    deformation::{Law, Moduli, Press, SoftBody},
+    deformation::{Law, Press, SoftBody},
     fem::{Fem, FemOptions},
     geometry::Shape,
     interrupt::Interrupt,
@@ -152,8 +152,7 @@ impl Indenter {
 fn pad(sensor: &Sensor, calibration: &Calibration, nodes: usize) -> Result<Fem> {
     let pad = sensor.pad(nodes)?;
     let law: Law = calibration.law.parse()?;
-    let moduli = Moduli { young: calibration.young, poisson: calibration.poisson };
-    let body = SoftBody::new(pad.mesh, law, moduli, &pad.base)?;
+    let body = SoftBody::new(pad.mesh, law, calibration.into(), &pad.base)?;
     Fem::new(body, FemOptions { friction: FRICTION, ..FemOptions::default() })
 }
 

@@ -201,8 +201,10 @@ impl Sensor {
         Path::new(name).extension().is_some_and(|extension| extension == "toml")
     }
 
-    /// Returns the calibration `name`, or an error that lists the available ones.
-    pub fn calibration(&self, name: &str) -> Result<&Calibration> {
+    /// Returns the calibration `name`, or the first if none is named; an error lists the available
+    /// ones.
+    pub fn calibration(&self, name: Option<&str>) -> Result<&Calibration> {
+        let Some(name) = name else { return Ok(&self.calibrations[0]) };
         self.calibrations.iter().find(|c| c.name == name).ok_or_else(|| {
             let names: Vec<_> = self.calibrations.iter().map(|c| c.name.as_str()).collect();
             let expected = format!("one of {} for the sensor {}", names.join(", "), self.name);
@@ -320,7 +322,7 @@ mod tests {
     #[test]
     fn the_feats_calibration_is_that_of_its_neo_hookean_constant() {
         let sensor = Sensor::named("gelsight-mini").unwrap();
-        let Calibration { young, poisson, .. } = sensor.calibration("feats").unwrap();
+        let Calibration { young, poisson, .. } = sensor.calibration(Some("feats")).unwrap();
         let exact = 2.0 * (2.0 * 0.0725e6) * (1.0 + poisson);
         assert!((young / exact - 1.0).abs() < 1e-12, "{young} Pa against {exact} Pa");
     }
@@ -330,7 +332,7 @@ mod tests {
         let sensor = Sensor::named("gelsight").unwrap_err().to_string();
         assert!(sensor.contains("gelsight-mini, digit"), "{sensor}");
         let mini = Sensor::named("gelsight-mini").unwrap();
-        let calibration = mini.calibration("fem").unwrap_err().to_string();
+        let calibration = mini.calibration(Some("fem")).unwrap_err().to_string();
         assert!(calibration.contains("tacflex, feats"), "{calibration}");
     }
 

@@ -7,7 +7,6 @@ use std::{
 };
 
 use nalgebra::{Isometry3, Unit, Vector3};
-use rayon::prelude::*;
 
 use super::{
     corrector::Corrector,
@@ -26,7 +25,7 @@ use crate::{
     contact::{Backing, SurfacePoint, clearance},
     deformation::{
         Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
-        Wrench,
+        Wrench, solve_frames, solve_in_parallel,
     },
     fem::Linearised,
     geometry::{PadMesh, PadOutline, Shape},
@@ -58,9 +57,7 @@ struct PadModel {
 const UNBALANCED: f64 = 0.5;
 /// Penetration of a contact point beyond which an answer without contact force is not trusted (m):
 /// the penetration that finite elements allow where the pressure equals Young's modulus.
-const UNFELT: f64 = 2e-6;
-/// All optional parts of an answer.
-const ALL: Wanted = Wanted { stress: true, residual: true };
+const PENETRATION: f64 = 2e-6;
 /// Largest number of trials in a force-driven press, and relative tolerance of the force.
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
@@ -168,18 +165,9 @@ impl Surrogate {
     pub fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         let (trained, is_plain) = (&self.trained, self.is_plain);
         match press.drive() {
-            Drive::Translation { .. } => {
-                let mut frames = Vec::new();
-                for linear in trained.linear.path(press) {
-                    frames.push(
-                        linear.and_then(|linear| trained.correct(press, linear, ALL, is_plain)),
-                    );
-                    if frames.last().is_some_and(Result::is_err) {
-                        break;
-                    }
-                }
-                frames
-            }
+            Drive::Translation { .. } => solve_frames(trained.linear.path(press), |linear| {
+                trained.correct(press, linear?, Wanted::ALL, is_plain)
+            }),
             Drive::Force { poses, force, direction } => {
                 vec![trained.push(press, poses, *force, direction, is_plain)]
             }
@@ -206,8 +194,8 @@ impl Surrogate {
     ///
     /// Poisson's ratio, friction and largest displacement must lie within those of the data. If
     /// there is contact force, the amplitude, the net force and the number of nodes that bear it
-    /// must lie within [`TrainingBounds`], and the residual must be at most half the net force. Otherwise no
-    /// contact point of finite elements may penetrate a shape.
+    /// must lie within [`TrainingBounds`], and the residual must be at most half the net force.
+    /// Otherwise no contact point of finite elements may penetrate a shape.
     ///
     /// [`TrainingBounds`]: super::TrainingBounds
     pub fn is_in_distribution(
@@ -232,7 +220,7 @@ impl Surrogate {
             let place = |point: &SurfacePoint| point.place(elements.places(), displacement);
             let skin = skin.get_or_init(|| elements.surface(body).0);
             let places: Vec<_> = skin.iter().map(place).collect();
-            clearance(shapes, poses, &places) > -UNFELT
+            clearance(shapes, poses, &places) > -PENETRATION
         };
         is_usual && card.data.covers(gel, displacement)
     }
@@ -254,8 +242,15 @@ impl PadModel {
         let mut last = None;
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
-            let linear = self.linear.path(&same).swap_remove(0)?;
-            let answer = self.correct(press, linear, ALL, is_plain)?;
+            // The linear answer may not reach the force of a trial.
+            let of_press = |error| match error {
+                Error::Unreachable { .. } if last.is_some() => {
+                    Error::Unreachable { force, reached, travel }
+                }
+                other => other,
+            };
+            let linear = self.linear.path(&same).swap_remove(0).map_err(of_press)?;
+            let answer = self.correct(press, linear, Wanted::ALL, is_plain)?;
             reached = answer.wrench.force.dot(direction);
             let moved = answer.poses[0].translation.vector - poses[0].translation.vector;
             travel = moved.dot(direction);
@@ -358,13 +353,12 @@ impl PadModel {
 
 impl DeformationModel for Surrogate {
     /// Solves the presses in parallel, each on one thread.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, ALL)
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.solve_partially(presses, Wanted::ALL)
     }
 
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
-        let model = &*self;
-        presses.par_iter().map(|press| model.last(press, wanted)).collect()
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        solve_in_parallel(presses, |press| self.last(press, wanted))
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

@@ -2,9 +2,9 @@
 //!
 //! A graph network on the pad's columns (MeshGraphNets, Pfaff et al. 2021, in three scales as in
 //! MultiScale MeshGraphNets, Fortunato et al. 2022). Its input is the answer of linear elasticity
-//! with friction. Its outputs are corrections: of the displacement of each node, of the force on each
-//! touching node, and, for each tetrahedron, of the stress that the corrected displacement implies.
-//! Without contact all corrections are exactly zero.
+//! with friction. Its outputs are corrections: of the displacement of each node, of the force on
+//! each touching node, and, for each tetrahedron, of the stress that the corrected displacement
+//! implies. Without contact all corrections are exactly zero.
 //!
 //! Shapes: B presses in a batch, C columns, K free layers, V = C (K + 1) nodes, T tetrahedra, D
 //! directions, H latent width, W width of a corner.
@@ -181,12 +181,12 @@ impl Corrector {
     }
 }
 
-/// Number of outputs of a column for each of its layers: an addition to the displacement, factors by
-/// which it grows along the face and across it, and its corrections along [`DIRECTIONS`].
+/// Number of outputs of a column for each of its layers: an addition to the displacement, factors
+/// by which it grows along the face and across it, and its corrections along [`DIRECTIONS`].
 pub(super) const OF_LAYER: usize = 3 + 2 + DIRECTIONS;
-/// Number of outputs of a column for its contact force: an addition, factors by which it grows along
-/// the face and across it, and corrections along the object's normal in units of the strongest force
-/// and of its own.
+/// Number of outputs of a column for its contact force: an addition, factors by which it grows
+/// along the face and across it, and corrections along the object's normal in units of the
+/// strongest force and of its own.
 pub(super) const OF_FORCE: usize = 3 + 2 + 2;
 /// Number of outputs of a column.
 pub(super) const OUTPUTS: usize = LAYERS * OF_LAYER + OF_FORCE;

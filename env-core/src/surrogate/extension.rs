@@ -18,9 +18,9 @@ pub(super) struct Extension {
 }
 
 impl Extension {
-    /// Takes the displacement of `size` numbers D under a unit force on each node along each axis (3C),
-    /// of which trailing zeros may be left out. Runs on the calling thread alone: a pool thread that
-    /// waited for others could be given a press that waits for this matrix.
+    /// Takes the displacement of `size` numbers D under a unit force on each node along each axis
+    /// (3C), of which trailing zeros may be left out. Runs on the calling thread alone: a pool
+    /// thread that waited for others could be given a press that waits for this matrix.
     pub(super) fn new(answers: impl Iterator<Item = Vec<f64>>, size: usize) -> Self {
         let answers: Vec<_> = answers.collect();
         let moved = |answer: &Vec<f64>| answer.iter().rposition(|u| *u != 0.0);

@@ -201,8 +201,8 @@ impl PadInput {
         }
     }
 
-    /// Features of all contact on cells: means of pressure, slope and spread, size and number of the
-    /// cells.
+    /// Features of all contact on cells: means of pressure, slope and spread, size and number of
+    /// the cells.
     pub(super) fn of_press(&self) -> [f64; PRESS_CELLS] {
         std::array::from_fn(|i| f64::from(self.features[CELLS + COLUMN_CELLS + i]))
     }

@@ -1,10 +1,10 @@
 //! The linear answer that the network corrects, on the model mesh.
 //!
-//! Contact is solved on a regular grid of cells whose size follows the contact ([`LayeredPad`]). Its
-//! forces, spread over the nodes of the model mesh's face, displace a fine mesh on which linear
-//! elasticity is condensed in advance; the network need not learn what a coarse mesh would miss. Near
-//! the contact, displacement and, if asked for ([`LinearStress`]), stress are those under the forces
-//! on cells.
+//! Contact is solved on a regular grid of cells whose size follows the contact ([`LayeredPad`]).
+//! Its forces, spread over the nodes of the model mesh's face, displace a fine mesh on which linear
+//! elasticity is condensed in advance; the network need not learn what a coarse mesh would miss.
+//! Near the contact, displacement and, if asked for ([`LinearStress`]), stress are those under the
+//! forces on cells.
 
 use std::sync::OnceLock;
 
@@ -158,8 +158,8 @@ impl LinearBaseline {
         LinearFields { fields, cells }
     }
 
-    /// Von Mises stress of the model mesh (T) in Pa: that given as `near`, elsewhere that under `forces`
-    /// (N) on its face, averaged from the fine mesh.
+    /// Von Mises stress of the model mesh (T) in Pa: that given as `near`, elsewhere that under
+    /// `forces` (N) on its face, averaged from the fine mesh.
     fn von_mises(
         &self,
         forces: &[(u32, Vector3<f64>)],

@@ -2,8 +2,6 @@
 
 use std::{sync::Arc, time::Instant};
 
-use rayon::prelude::*;
-
 use super::{
     linear::{LinearBaseline, LinearStress, PadFields, body},
     material::PadMaterial,
@@ -12,9 +10,11 @@ use crate::{
     Error, Result,
     compliance::nodal::{ContactResolution, ContactSolution},
     contact::Backing,
-    deformation::{Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted},
+    deformation::{
+        Deformation, DeformationModel, Moduli, Press, SoftBody, Wanted, solve_frames,
+        solve_in_parallel,
+    },
     fem::Linearised,
-    interrupt::Interrupt,
     sensor::Sensor,
 };
 
@@ -96,27 +96,20 @@ impl LinearPad {
 }
 
 impl DeformationModel for LinearPad {
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, Wanted { stress: true, residual: false })
+    /// Solves the presses in parallel, each on one thread. The residual force is that of
+    /// hyperelastic elements on the mesh of the body.
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.solve_partially(presses, Wanted::ALL)
     }
 
-    /// Solves the presses in parallel, each on one thread. The residual force is that of hyperelastic
-    /// elements on the mesh of the body.
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
-        let current = Interrupt::current();
-        let last = |press| {
-            if current.is_requested() {
-                return Err(Error::Interrupted);
-            }
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        solve_in_parallel(presses, |press| {
             let answer = self.linear.path(press).pop().expect("a press has a frame")?;
             self.fields(answer, wanted)
-        };
-        presses.par_iter().map(last).collect()
+        })
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        let wanted = Wanted { stress: true, residual: false };
-        let answers = self.linear.path(press).into_iter();
-        answers.map(|answer| self.fields(answer?, wanted)).collect()
+        solve_frames(self.linear.path(press), |answer| self.fields(answer?, Wanted::ALL))
     }
 }

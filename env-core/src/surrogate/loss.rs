@@ -16,15 +16,17 @@ use super::{
     train::{Loss, Network},
 };
 
-/// Weights of displacement, stress, nodal forces and net force in the loss.
-const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
-/// Root mean square of the displacement of a press with half of the greatest weight, in units of the
-/// thickness: 2 µm in a pad of 4 mm.
+/// Weights of displacement, stress, nodal forces and net force, of a squeeze that of its fingers,
+/// in the loss.
+pub(super) const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
+/// Root mean square of the displacement of a press with half of the greatest weight, in units of
+/// the thickness: 2 µm in a pad of 4 mm.
 const HARDLY_MOVED: f64 = 5e-4;
 /// Added to the squares of norms, so that their roots are differentiable.
 const EPSILON: f64 = 1e-16;
 
-/// Weighted mean relative errors of displacement, stress, nodal forces and net force, each a scalar.
+/// Weighted mean relative errors of displacement, stress, nodal forces and net force, each a
+/// scalar.
 pub(super) struct LossTerms(pub(super) [Tensor; 4]);
 
 impl LossTerms {

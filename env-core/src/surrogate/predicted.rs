@@ -1,10 +1,10 @@
 //! Prediction of an answer's own errors, and trust in the network by them.
 //!
 //! The logarithm of each relative error is modelled as linear in a few quantities of the answer, by
-//! quantile regression (Koenker and Bassett 1978) on presses that the network was not trained on: of
-//! a hundred presses like those, 95 are nearer to finite elements than predicted. The errors of the
-//! linear answer are predicted likewise; where those of the network are predicted to be larger, the
-//! correction is reduced, down to the linear answer.
+//! quantile regression (Koenker and Bassett 1978) on presses that the network was not trained on:
+//! of a hundred presses like those, 95 are nearer to finite elements than predicted. The errors of
+//! the linear answer are predicted likewise; where those of the network are predicted to be larger,
+//! the correction is reduced, down to the linear answer.
 
 use serde::{Deserialize, Serialize};
 
@@ -47,8 +47,8 @@ type TermRow = [f64; TERMS + 1];
 /// Quantities of an answer.
 pub(super) type Terms = [f64; TERMS];
 
-/// A press to which an [`ErrorModel`] is fitted: quantities of its answer, and the relative errors of
-/// displacement, stress and force.
+/// A press to which an [`ErrorModel`] is fitted: quantities of its answer, and the relative errors
+/// of displacement, stress and force.
 pub(super) struct JudgedAnswer {
     pub(super) terms: Terms,
     /// Those of the network.
@@ -97,8 +97,8 @@ impl ErrorModel {
     }
 }
 
-/// Weight of a correction, by the `ratio` of the network's predicted error to the linear answer's: 1
-/// where it is not larger, 0 from [`TRUSTED`] on.
+/// Weight of a correction, by the `ratio` of the network's predicted error to the linear answer's:
+/// 1 where it is not larger, 0 from [`TRUSTED`] on.
 fn weight(ratio: f64) -> f64 {
     ((TRUSTED - ratio) / (TRUSTED - 1.0)).clamp(0.0, 1.0)
 }
@@ -119,7 +119,8 @@ fn blend(input: &PadInput, weights: [f64; PARTS], fields: &mut Fields) {
     mix(2, &input.force(), &mut fields.force);
 }
 
-/// The number 1 and the quantities in units of their deviation, at most three of them from the mean.
+/// The number 1 and the quantities in units of their deviation, at most three of them from the
+/// mean.
 fn scaled(terms: &Terms, scales: &[[f64; 2]; TERMS]) -> TermRow {
     let mut row = [1.0; TERMS + 1];
     for ((to, term), [mean, deviation]) in row[1..].iter_mut().zip(terms).zip(scales) {
@@ -133,8 +134,8 @@ fn predicted(coefficients: &Coefficients, row: &TermRow) -> [f64; PARTS] {
     coefficients.map(|of_part| product(&of_part, row).exp().clamp(RANGE[0], RANGE[1]))
 }
 
-/// Quantities of the answer `corrected` to a press: features of the press, and size of the network's
-/// correction.
+/// Quantities of the answer `corrected` to a press: features of the press, and size of the
+/// network's correction.
 pub(super) fn terms(input: &PadInput, corrected: &Fields) -> Terms {
     let changed = |found: &[f32], before: &[f32]| {
         let apart: f64 = found.iter().zip(before).map(|(a, b)| f64::from(a - b).powi(2)).sum();

@@ -15,7 +15,7 @@ use crate::{
     Result,
     compliance::nodal::ContactResolution,
     dataset::{Dataset, DatasetConfig, PadFrames, steps},
-    deformation::{Moduli, Press},
+    deformation::Press,
     geometry::{PadMesh, Shape},
     sensor::Sensor,
 };
@@ -59,7 +59,7 @@ impl Gels {
         let pad = |gel: &crate::dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;
             let graph = sensors.iter().position(|name| *name == gel.sensor).unwrap_or_default();
-            let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+            let moduli = gel.moduli();
             let thickness = sensor.outline.thickness;
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };
             let mesh = meshes[graph].clone();

@@ -59,6 +59,11 @@ pub(super) struct Loss {
     pub(super) parts: [f32; 4],
 }
 
+/// Signs of x, y and z in mirror 0 to 3: none, x, y, both.
+pub(super) fn mirror_signs(mirror: usize) -> [f64; 3] {
+    [mirror & 1, mirror >> 1 & 1, 0].map(|flip| if flip == 1 { -1.0 } else { 1.0 })
+}
+
 /// Training configuration of a network with sizes `C`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

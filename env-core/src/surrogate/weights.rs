@@ -1,8 +1,8 @@
 //! Files of weights, each with a card that describes them.
 //!
-//! A file is a [`TensorFile`]; the card is JSON. Files are not trusted: only files up to a size above
-//! that of any network here are read, and tensors must have the shapes that the card's network
-//! requires.
+//! A file is a [`TensorFile`]; the card is JSON. Files are not trusted: only files up to a size
+//! above that of any network here are read, and tensors must have the shapes that the card's
+//! network requires.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -46,7 +46,8 @@ pub struct Card {
     pub data: Data,
     /// Bounds of most of the training data.
     pub usual: TrainingBounds,
-    /// Prediction of the errors of network and linear answer, fitted to the split's validation part.
+    /// Prediction of the errors of network and linear answer, fitted to the split's validation
+    /// part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted: Option<ErrorModel>,
     /// Errors on the split's test part, of answers as [`super::Surrogate`] gives them.

@@ -135,12 +135,11 @@ impl TactileConfig {
 
     /// Calibration of `sensor`: the named one, or the first if none is named.
     pub fn calibration<'s>(&self, sensor: &'s Sensor) -> Result<&'s Calibration> {
-        match &self.material {
-            Some(GelMaterial::Calibration(name)) => {
-                sensor.calibration(name).map_err(|error| error.renamed("material"))
-            }
-            _ => Ok(&sensor.calibrations[0]),
-        }
+        let name = match &self.material {
+            Some(GelMaterial::Calibration(name)) => Some(name.as_str()),
+            _ => None,
+        };
+        sensor.calibration(name).map_err(|error| error.renamed("material"))
     }
 
     /// Law and moduli of the gel of `sensor`.
@@ -149,7 +148,7 @@ impl TactileConfig {
             return Ok((Law::NeoHookean, Moduli { young, poisson }));
         }
         let gel = self.calibration(sensor)?;
-        Ok((gel.law.parse()?, Moduli { young: gel.young, poisson: gel.poisson }))
+        Ok((gel.law.parse()?, gel.into()))
     }
 
     /// Meshed pad of `sensor`, and its soft body.

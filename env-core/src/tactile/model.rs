@@ -13,6 +13,7 @@ use crate::{
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
     fem::{Fem, FemOptions},
     geometry::{PadMesh, Shape},
+    interrupt::Interrupt,
     sensor::Sensor,
     surrogate::{LinearPad, Surrogate},
 };
@@ -93,7 +94,7 @@ impl TactileModel {
     /// Solves `presses` in order, each at contact with the object of that index in `objects`;
     /// optional parts of the solutions that are not `wanted` may be left out.
     pub fn solve_partially(
-        &mut self,
+        &self,
         objects: &[usize],
         presses: &[Press],
         wanted: Wanted,
@@ -103,9 +104,11 @@ impl TactileModel {
             Self::Rigid => presses.iter().map(|_| rigid()).collect(),
             Self::Pads(pad) => pad.model.solve_partially(presses, wanted),
             Self::Objects(all) => {
+                let interrupt = Interrupt::current();
                 let one = |(&index, press): (&usize, &Press)| {
                     let Some(object) = all.get(index) else { return rigid() };
-                    object.model().clone().solve_partially(slice::from_ref(press), wanted).remove(0)
+                    let solve = || object.model().solve_partially(slice::from_ref(press), wanted);
+                    interrupt.during(solve).remove(0)
                 };
                 objects.par_iter().zip(presses).map(one).collect()
             }
@@ -139,7 +142,7 @@ impl TactilePad {
         &self.skin
     }
 
-    /// Model of the gel. Solving needs a mutable model, so callers clone it.
+    /// Model of the gel.
     pub fn model(&self) -> &Model {
         &self.model
     }
@@ -200,7 +203,7 @@ impl Model {
 }
 
 impl DeformationModel for Model {
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
         match self {
             Self::Linear(model) => model.solve(presses),
             Self::Fem(model) => model.solve(presses),
@@ -208,7 +211,7 @@ impl DeformationModel for Model {
         }
     }
 
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         match self {
             Self::Linear(model) => model.solve_partially(presses, wanted),
             Self::Fem(model) => model.solve_partially(presses, wanted),

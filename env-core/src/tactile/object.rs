@@ -79,7 +79,7 @@ impl SoftObject {
         })
     }
 
-    /// Model of the object. Solving needs a mutable model, so callers clone it.
+    /// Model of the object.
     pub fn model(&self) -> &SoftSurrogate {
         &self.surrogate
     }

@@ -67,7 +67,9 @@ impl Progress {
 
     /// Fraction of the hold time for which the object has been lifted, at most 1.
     pub fn held(&self, config: &TaskConfig) -> f64 {
-        let wanted = (config.hold_time / config.scene.physics.control_period).ceil().max(1.0);
+        let steps = config.hold_time / config.scene.physics.control_period;
+        // 0.28 s over 0.04 s is a little more than 7 in floating point.
+        let wanted = (steps - 1e-9).ceil().max(1.0);
         (f64::from(self.held) / wanted).min(1.0)
     }
 
@@ -75,5 +77,21 @@ impl Progress {
     pub fn mean_grip(&self) -> Option<f64> {
         let (steps, sum) = self.grips;
         (steps > 0).then(|| sum / f64::from(steps))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hold_time_of_whole_control_periods_is_held_after_as_many_steps() {
+        for (hold_time, steps) in [(0.28, 7), (0.56, 14), (1.12, 28), (0.5, 13)] {
+            let config = TaskConfig { hold_time, ..TaskConfig::default() };
+            let (start, grips) = (Isometry3::identity(), (0, 0.0));
+            let after = |held| Progress { start, held, gripped: true, grips }.held(&config);
+            assert!(after(steps - 1) < 1.0, "{hold_time} s in {} steps", steps - 1);
+            assert_eq!(after(steps), 1.0, "{hold_time} s in {steps} steps");
+        }
     }
 }

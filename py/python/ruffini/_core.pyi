@@ -63,6 +63,7 @@ class PressError(SimulationError):
         "bad-mesh",
         "file",
         "not-converged",
+        "step-too-long",
         "inverted",
         "penetrated",
         "network",

@@ -37,7 +37,7 @@ pub(crate) struct Deformation {
     /// State from which another press can continue.
     #[pyo3(get)]
     pub(super) history: Py<History>,
-    /// Newton steps since the last frame.
+    /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
     #[pyo3(get)]
     iterations: usize,
     /// Norm of the residual force (N).

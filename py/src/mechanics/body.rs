@@ -144,11 +144,7 @@ fn pad(
     around: Option<&[[f64; 3]]>,
 ) -> Result<deformation::SoftBody> {
     let sensor = Sensor::open(name)?;
-    let gel = match calibration {
-        Some(name) => sensor.calibration(name)?,
-        None => &sensor.calibrations[0],
-    };
-    let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+    let gel = sensor.calibration(calibration)?;
     let (mesh, base) = if let Some(points) = around {
         let points: Vec<_> = points.iter().map(|&p| p.into()).collect();
         let pad = sensor.outline.graded(&points, nodes)?;
@@ -157,5 +153,5 @@ fn pad(
         let pad = sensor.pad(nodes)?;
         (pad.mesh, pad.base)
     };
-    deformation::SoftBody::new(mesh, gel.law.parse::<Law>()?, moduli, &base)
+    deformation::SoftBody::new(mesh, gel.law.parse::<Law>()?, gel.into(), &base)
 }

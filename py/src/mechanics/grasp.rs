@@ -68,8 +68,8 @@ impl Grasp {
         py: Python<'py>,
         pads: (Bound<'py, Fem>, Bound<'py, Fem>),
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let (left, right) = (pads.0.get().copy(), pads.1.get().copy());
-        let frames = interruptible(py, || self.inner.solve([&left, &right]))?;
+        let (left, right) = (&pads.0.get().model, &pads.1.get().model);
+        let frames = interruptible(py, || self.inner.solve([left, right]))?;
         frames.into_iter().map(|frame| slot(py, frame)).collect()
     }
 

@@ -1,9 +1,6 @@
 //! Models that solve presses.
 
-use std::{
-    path::PathBuf,
-    sync::{Mutex, MutexGuard, PoisonError},
-};
+use std::path::PathBuf;
 
 use nalgebra::Isometry3;
 use numpy::{PyArray1, PyArray2};
@@ -13,11 +10,10 @@ use ruffini_core::{
     deformation::{self, DeformationModel, Drive},
     fem,
     geometry::Shape,
-    interrupt::Interrupt,
 };
 
 use super::{
-    Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, pool::pool,
+    Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, pool::in_pool,
     press::one_or_many,
 };
 use crate::{
@@ -46,7 +42,7 @@ type FieldArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 ///     ValueError: If an option is not valid.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Fem {
-    model: Mutex<fem::Fem>,
+    pub(super) model: fem::Fem,
     /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
@@ -68,7 +64,7 @@ impl Fem {
             fem::FemOptions { element, friction, tolerance, ..fem::FemOptions::default() };
         let solid = body.get().inner.clone();
         let model = py.detach(|| fem::Fem::new(solid, options)).map_err(python_error)?;
-        Ok(Self { model: Mutex::new(model), body })
+        Ok(Self { model, body })
     }
 
     /// Solves each press and returns its last frame.
@@ -118,17 +114,9 @@ impl Fem {
         history: &History,
         target: &TetMesh,
     ) -> PyResult<FieldArrays<'py>> {
-        let model = self.copy();
-        let carried = py.detach(|| model.carry(&history.inner, &target.inner));
+        let carried = py.detach(|| self.model.carry(&history.inner, &target.inner));
         let fem::Carried { displacement, von_mises } = carried.map_err(python_error)?;
         Ok((array_of_vectors(py, &displacement), PyArray1::from_vec(py, von_mises)))
-    }
-}
-
-impl Fem {
-    /// Copy of the model, for a solution that needs two models at once.
-    pub(super) fn copy(&self) -> fem::Fem {
-        locked(&self.model).clone()
     }
 }
 
@@ -153,7 +141,7 @@ impl Fem {
 ///     ValueError: If an option is not valid, or the body is free.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Compliance {
-    model: Mutex<LinearModel>,
+    model: LinearModel,
     /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
@@ -166,7 +154,7 @@ enum LinearModel {
 }
 
 impl DeformationModel for LinearModel {
-    fn solve(&mut self, presses: &[deformation::Press]) -> Vec<Result<deformation::Deformation>> {
+    fn solve(&self, presses: &[deformation::Press]) -> Vec<Result<deformation::Deformation>> {
         match self {
             Self::Points(model) => model.solve(presses),
             Self::Nodes(model) => model.solve(presses),
@@ -213,7 +201,7 @@ impl Compliance {
             }?;
             LinearModel::new(model, contact, corrections)
         });
-        Ok(Self { model: Mutex::new(model.map_err(python_error)?), body })
+        Ok(Self { model: model.map_err(python_error)?, body })
     }
 
     /// Solves each press and returns its last frame, as Fem.solve.
@@ -245,19 +233,13 @@ impl Compliance {
 /// Solves `presses`, one or a list, by `model`.
 pub(super) fn solve<'py, M: DeformationModel>(
     py: Python<'py>,
-    model: &Mutex<M>,
+    model: &M,
     body: &Py<SoftBody>,
     presses: &Bound<'py, PyAny>,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
     let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
     let inputs: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
-    let pool = pool()?;
-    let answers = interruptible(py, || {
-        // Locked before the pool is entered: a thread of the pool that waits for the lock could
-        // take up the work of another caller.
-        let (model, interrupt) = (&mut *locked(model), Interrupt::current());
-        pool.install(|| interrupt.during(|| model.solve(&inputs)))
-    })?;
+    let answers = in_pool(py, || model.solve(&inputs))?;
     let slots = answers.into_iter().zip(&presses);
     slots.map(|(found, press)| answer(py, found, press.get(), body)).collect()
 }
@@ -265,17 +247,12 @@ pub(super) fn solve<'py, M: DeformationModel>(
 /// Solves every frame of `press` by `model`.
 pub(super) fn solve_path<'py, M: DeformationModel>(
     py: Python<'py>,
-    model: &Mutex<M>,
+    model: &M,
     body: &Py<SoftBody>,
     press: &Press,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let frames = interruptible(py, || locked(model).solve_path(&press.inner))?;
+    let frames = interruptible(py, || model.solve_path(&press.inner))?;
     frames.into_iter().map(|frame| answer(py, frame, press, body)).collect()
-}
-
-/// Locks the model, even after a panic: models keep no state between presses.
-pub(super) fn locked<M>(model: &Mutex<M>) -> MutexGuard<'_, M> {
-    model.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Converts the solution of `press` of `body`, or the error in its place.
@@ -293,7 +270,10 @@ pub(super) fn answer<'py>(
         Err(error) => {
             let unsolved = matches!(
                 error,
-                Error::Penetrated { .. } | Error::Inverted | Error::NotConverged { .. }
+                Error::Penetrated { .. }
+                    | Error::Inverted
+                    | Error::NotConverged { .. }
+                    | Error::StepTooLong { .. }
             );
             let hint = if unsolved { too_deep(&press.inner, &body.get().inner) } else { None };
             press_error(py, &error, hint.as_deref())

@@ -10,11 +10,14 @@ use super::{
     Press, SoftBody,
     answer::pose,
     arrays::{array_of_vectors, vectors},
-    pool::pool,
+    pool::in_pool,
     press::one_or_many,
     surrogate::CalibratedGel,
 };
-use crate::error::{press_error, python_error};
+use crate::{
+    error::{press_error, python_error},
+    signals::interruptible,
+};
 
 /// Solution of a press by one of the paper's networks, in the frame of the body.
 ///
@@ -132,8 +135,7 @@ impl PaperNetwork {
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let (presses, _) = one_or_many::<Press>("presses", "Press", presses)?;
         let inputs: Vec<_> = presses.iter().map(|press| press.get().inner.clone()).collect();
-        let pool = pool()?;
-        let answers = py.detach(|| pool.install(|| self.model.solve(&inputs)));
+        let answers = in_pool(py, || self.model.solve(&inputs))?;
         answers.into_iter().map(|found| answer(py, found)).collect()
     }
 
@@ -143,7 +145,7 @@ impl PaperNetwork {
     ///     A list with a PaperAnswer for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = py.detach(|| self.model.solve_path(&press.inner));
+        let frames = interruptible(py, || self.model.solve_path(&press.inner))?;
         frames.into_iter().map(|frame| answer(py, frame)).collect()
     }
 

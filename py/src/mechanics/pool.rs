@@ -7,15 +7,26 @@ use std::{
 
 use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use ruffini_core::interrupt::Interrupt;
 
 use super::arrays::refused;
+use crate::signals::interruptible;
 
 /// Pool, with the id of the process that started it: a forked child has none of its threads.
 static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 
+/// Runs `work` in the pool, without the GIL; Ctrl-C ends it early.
+pub(super) fn in_pool<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    let pool = pool()?;
+    interruptible(py, || {
+        let interrupt = Interrupt::current();
+        pool.install(|| interrupt.during(work))
+    })
+}
+
 /// Pool of this process, started at the first call with one thread per core, or as many as
 /// `RAYON_NUM_THREADS` sets.
-pub(super) fn pool() -> PyResult<Arc<ThreadPool>> {
+fn pool() -> PyResult<Arc<ThreadPool>> {
     // A panic elsewhere cannot leave the value half-written, so a poisoned lock is usable.
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
     match &*pool {

@@ -1,6 +1,6 @@
 //! Trained network for soft objects as a model of presses.
 
-use std::{path::PathBuf, sync::Mutex};
+use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use ruffini_core::{deformation::Moduli, surrogate::soft};
@@ -8,9 +8,9 @@ use ruffini_core::{deformation::Moduli, surrogate::soft};
 use super::{
     Deformation, Press, Shape, SoftBody,
     arrays::vectors,
-    model::{answer, locked, solve},
+    model::{solve, solve_path},
 };
-use crate::{error::python_error, signals::interruptible};
+use crate::error::python_error;
 
 /// Graph network that corrects a linear solution of a soft object between two rigid fingers.
 ///
@@ -33,7 +33,7 @@ use crate::{error::python_error, signals::interruptible};
 ///         shape has no mesh.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct SoftSurrogate {
-    model: Mutex<soft::SoftSurrogate>,
+    model: soft::SoftSurrogate,
     /// Object's body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
@@ -62,13 +62,13 @@ impl SoftSurrogate {
         });
         let model = model.map_err(python_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
-        Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
+        Ok(Self { model, body: Py::new(py, body)? })
     }
 
     /// Description of the weights as JSON: form, training, data, errors on unseen data.
     #[getter]
     fn card(&self) -> String {
-        serde_json::to_string(locked(&self.model).card()).expect("plain data")
+        serde_json::to_string(self.model.card()).expect("plain data")
     }
 
     /// Solves each press and returns its last frame, as Fem.solve.
@@ -93,13 +93,12 @@ impl SoftSurrogate {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
-        frames.into_iter().map(|frame| answer(py, frame, press, &self.body)).collect()
+        solve_path(py, &self.model, &self.body, press)
     }
 
     /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie
     /// within its training data.
     fn is_in_distribution(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        Ok(locked(&self.model).is_in_distribution(&vectors(answer.displacement.bind(py))?))
+        Ok(self.model.is_in_distribution(&vectors(answer.displacement.bind(py))?))
     }
 }

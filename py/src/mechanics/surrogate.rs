@@ -1,6 +1,6 @@
 //! Trained network for pads as a model of presses.
 
-use std::{path::PathBuf, sync::Mutex};
+use std::path::PathBuf;
 
 use pyo3::prelude::*;
 use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
@@ -8,9 +8,9 @@ use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
 use super::{
     Deformation, Press, SoftBody,
     arrays::vectors,
-    model::{answer, locked, solve, solve_path},
+    model::{solve, solve_path},
 };
-use crate::{error::python_error, signals::interruptible};
+use crate::error::python_error;
 
 /// Graph network that corrects a linear solution, to approximate fine finite elements in less time.
 ///
@@ -33,7 +33,7 @@ use crate::{error::python_error, signals::interruptible};
 ///     ValueError: If a name is not known, or the network does not fit the sensor's pad.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Surrogate {
-    model: Mutex<surrogate::Surrogate>,
+    model: surrogate::Surrogate,
     /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
@@ -61,7 +61,7 @@ pub(crate) struct Surrogate {
 ///     ValueError: If a name is not known, or a number is out of range.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct LinearPad {
-    model: Mutex<surrogate::LinearPad>,
+    model: surrogate::LinearPad,
     /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
@@ -91,7 +91,7 @@ impl LinearPad {
         });
         let model = model.map_err(python_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
-        Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
+        Ok(Self { model, body: Py::new(py, body)? })
     }
 
     /// Solves each press and returns its last frame, as Fem.solve.
@@ -184,14 +184,13 @@ impl Surrogate {
     /// Same network evaluated by Candle's layers, the reference for the fast implementation:
     /// slower, with the same solutions up to rounding.
     fn plain(&self, py: Python<'_>) -> Self {
-        let model = locked(&self.model).plain();
-        Self { model: Mutex::new(model), body: self.body.clone_ref(py) }
+        Self { model: self.model.plain(), body: self.body.clone_ref(py) }
     }
 
     /// Description of the weights as JSON: form, training, data, errors on unseen data.
     #[getter]
     fn card(&self) -> String {
-        serde_json::to_string(locked(&self.model).card()).expect("plain data")
+        serde_json::to_string(self.model.card()).expect("plain data")
     }
 
     /// Solves each press and returns its last frame, as Fem.solve.
@@ -217,8 +216,7 @@ impl Surrogate {
     ///     A list with a Deformation for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = interruptible(py, || locked(&self.model).solve_path(&press.inner))?;
-        frames.into_iter().map(|frame| answer(py, frame, press, &self.body)).collect()
+        solve_path(py, &self.model, &self.body, press)
     }
 
     /// Returns whether a solution of this network is like its training data.
@@ -232,20 +230,14 @@ impl Surrogate {
         let moved = vectors(answer.displacement.bind(py))?;
         let forces = vectors(answer.contact_force.bind(py))?;
         let poses = &answer.history.get().inner.poses;
-        Ok(locked(&self.model).is_in_distribution(
-            &answer.shapes,
-            poses,
-            &moved,
-            &forces,
-            answer.residual,
-        ))
+        Ok(self.model.is_in_distribution(&answer.shapes, poses, &moved, &forces, answer.residual))
     }
 }
 
 impl Surrogate {
     fn of(py: Python<'_>, model: surrogate::Surrogate) -> PyResult<Self> {
         let body = SoftBody::from_core(py, model.body().clone())?;
-        Ok(Self { model: Mutex::new(model), body: Py::new(py, body)? })
+        Ok(Self { model, body: Py::new(py, body)? })
     }
 }
 
@@ -270,10 +262,7 @@ impl CalibratedGel {
         [young, poisson, friction]: [Option<f64>; 3],
     ) -> Result<Self> {
         let sensor = Sensor::open(name)?;
-        let known = match calibration {
-            Some(name) => sensor.calibration(name)?,
-            None => &sensor.calibrations[0],
-        };
+        let known = sensor.calibration(calibration)?;
         let moduli = Moduli {
             young: young.unwrap_or(known.young),
             poisson: poisson.unwrap_or(known.poisson),

@@ -7,7 +7,7 @@
 //!
 //! Shapes: M contact nodes, N skin nodes of the body.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
@@ -18,8 +18,8 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{SurfacePoint, is_engulfed, is_within},
-    geometry::{PadMesh, Shape},
+    contact::{PointGroup, SurfacePoint, is_engulfed, is_within},
+    geometry::{PadMesh, Shape, vertex_normals},
     responses::Responses,
 };
 
@@ -36,7 +36,8 @@ pub(super) struct ContactNodes {
     pub(super) loads: Vec<Shares>,
     /// Each node as a surface point (M).
     pub(super) points: Vec<SurfacePoint>,
-    pub(super) groups: Vec<Group>,
+    /// Nodes that represent some area, by rank.
+    pub(super) groups: Vec<PointGroup>,
     /// Triangles of contact nodes, the widest first.
     pub(super) faces: Vec<ContactTriangle>,
 }
@@ -49,19 +50,8 @@ pub(super) enum NodeCompliance {
     Grid(CellGrid),
 }
 
-/// Contact nodes that lie close together.
-pub(super) struct Group {
-    pub(super) centre: Point3<f64>,
-    /// Distance of the farthest of them from the centre (m).
-    pub(super) radius: f64,
-    pub(super) ranks: Vec<u32>,
-}
-
 /// Skin nodes of a body, by rank, with weights that sum to 1.
 pub(super) type Shares = Vec<(u32, f64)>;
-
-/// Side of the boxes in which nodes are grouped (m).
-const BOX: f64 = 3.5e-3;
 
 impl ContactNodes {
     /// Takes the skin nodes of the body as contact nodes.
@@ -116,8 +106,9 @@ impl ContactNodes {
             SurfacePoint { shares, area, young }
         };
         let points = (0..).zip(areas).map(point).collect();
-        let groups = groups(&places, areas, BOX);
-        let normals = normals(&places, &faces);
+        let bearing = (0..).zip(&places).filter(|(rank, _)| areas[*rank as usize] > 0.0);
+        let groups = PointGroup::groups(bearing.map(|(rank, place)| (rank, *place)));
+        let normals = vertex_normals(&places, &faces);
         let faces =
             widest(faces.into_iter().map(|face| ContactTriangle::new(face, &places)).collect());
         let own = own(&compliance);
@@ -136,7 +127,7 @@ impl ContactNodes {
             places = (0..grid.len() as u32).map(|rank| grid.place(rank)).collect();
             let of_cell = |node| SurfacePoint { shares: vec![(node, 1.0)], ..point.clone() };
             points = (0..places.len() as u32).map(of_cell).collect();
-            grouped = groups(&places, &vec![1.0; places.len()], BOX);
+            grouped = PointGroup::groups((0..).zip(places.iter().copied()));
             for group in &mut grouped {
                 group.radius += grid.half_diagonal();
             }
@@ -252,19 +243,6 @@ pub(super) fn tents(
     Ok((loads, borne))
 }
 
-/// Mean normals of the `faces` at each of `places`, weighted by area.
-fn normals(places: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<Vector3<f64>> {
-    let mut normals = vec![Vector3::<f64>::zeros(); places.len()];
-    for corners in faces {
-        let [a, b, c] = corners.map(|corner| places[corner as usize]);
-        let twice = (b - a).cross(&(c - a));
-        for &corner in corners {
-            normals[corner as usize] += twice;
-        }
-    }
-    normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
-}
-
 /// Displacement interpolated at each of `sights` under unit forces on each of `loads` (3M, 3M) in
 /// m/N.
 pub(super) fn condensed_between(
@@ -288,21 +266,4 @@ pub(super) fn condensed_between(
         compliance.push(sights.map(seen));
     }
     compliance
-}
-
-/// Groups the nodes that represent some area by the boxes, of this `side` (m), in which they lie.
-fn groups(places: &[Point3<f64>], areas: &[f64], side: f64) -> Vec<Group> {
-    let mut boxes = BTreeMap::<[i64; 3], Vec<u32>>::new();
-    for (rank, place) in places.iter().enumerate().filter(|(rank, _)| areas[*rank] > 0.0) {
-        let key = <[f64; 3]>::from(place.coords).map(|x| (x / side).floor() as i64);
-        boxes.entry(key).or_default().push(rank as u32);
-    }
-    let group = |ranks: Vec<u32>| {
-        let of = |&rank: &u32| places[rank as usize];
-        let sum: Vector3<f64> = ranks.iter().map(|rank| of(rank).coords).sum();
-        let centre = Point3::from(sum / ranks.len() as f64);
-        let radius = ranks.iter().map(|rank| (of(rank) - centre).norm()).fold(0.0, f64::max);
-        Group { centre, radius, ranks }
-    };
-    boxes.into_values().map(group).collect()
 }

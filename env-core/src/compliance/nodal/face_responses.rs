@@ -1,7 +1,7 @@
 //! Displacement of the nodes of a pad under unit forces on those of its face, by finite elements.
 //!
-//! The mesh of a pad is its own mirror image in the planes x = 0 and y = 0, and so are its responses:
-//! they are solved for a quarter of the face.
+//! The mesh of a pad is its own mirror image in the planes x = 0 and y = 0, and so are its
+//! responses: they are solved for a quarter of the face.
 //!
 //! Shapes: V nodes of the pad, N free ones, Q nodes of the quarter of the face where x, y ≤ 0.
 
@@ -17,8 +17,8 @@ use crate::{
 pub struct FaceResponses {
     /// Nodes across, along and through the thickness, the last of which are fixed.
     nodes: [usize; 3],
-    /// Displacement of the free nodes under a unit force along each axis on each node of the quarter
-    /// (Q, 3, N) in m/N.
+    /// Displacement of the free nodes under a unit force along each axis on each node of the
+    /// quarter (Q, 3, N) in m/N.
     rows: Vec<Vector3<f64>>,
 }
 
@@ -41,8 +41,8 @@ impl FaceResponses {
             let rows = elements.unit_responses(loaded, &free, &mut elements.workspace());
             rows.as_chunks::<3>().0.iter().map(|&u| u.into()).collect()
         };
-        // Threads of their own: a thread of a pool that waited for others could be handed a task that
-        // waits for these responses.
+        // Threads of their own: a thread of a pool that waited for others could be handed a task
+        // that waits for these responses.
         let parts = quarter.len().div_ceil(rayon::current_num_threads());
         let rows = std::thread::scope(|scope| {
             let parts: Vec<_> =

@@ -2,8 +2,8 @@
 //! before.
 //!
 //! The pad is a bonded elastic layer ([`LayerKernel`]) but for its sides, whose influence
-//! ([`SideCompliance`]) is interpolated between the centres of the cells of the first grid. Where its
-//! face is inclined, forces and displacements turn with it.
+//! ([`SideCompliance`]) is interpolated between the centres of the cells of the first grid. Where
+//! its face is inclined, forces and displacements turn with it.
 //!
 //! Shapes: M cells of a grid.
 
@@ -56,8 +56,8 @@ pub(super) struct CellGrid {
 }
 
 impl CellLevels {
-    /// Covers the face of a pad of these `moduli` with a first grid of `count` cells and finer ones,
-    /// `levels` in all.
+    /// Covers the face of a pad of these `moduli` with a first grid of `count` cells and finer
+    /// ones, `levels` in all.
     pub(super) fn new(
         outline: &PadOutline,
         count: [u32; 2],
@@ -150,8 +150,8 @@ impl CellGrid {
         self.tilt(rank).column(2).into()
     }
 
-    /// Rotation from the frame of the layer under a cell, whose z axis is the normal of the face, to
-    /// that of the pad.
+    /// Rotation from the frame of the layer under a cell, whose z axis is the normal of the face,
+    /// to that of the pad.
     pub(super) fn tilt(&self, rank: u32) -> Matrix3<f64> {
         self.tilt_at(&self.place(rank))
     }

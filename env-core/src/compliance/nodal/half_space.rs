@@ -1,15 +1,15 @@
 //! Half-space under forces on its face.
 //!
-//! For a force F on the face, the vector r from there to a point at depth d below the face, ρ = |r|,
-//! m = 1 − 2ν and Φ = (F_x r_x + F_y r_y)/(ρ + d) + F_z ln(ρ + d), with z out of the face, displacement
-//! and strain are 1/(4πμ) times
+//! For a force F on the face, the vector r from there to a point at depth d below the face,
+//! ρ = |r|, m = 1 − 2ν and Φ = (F_x r_x + F_y r_y)/(ρ + d) + F_z ln(ρ + d), with z out of the face,
+//! displacement and strain are 1/(4πμ) times
 //!
 //! - u = F/ρ + (F·r) r/ρ³ + m (Φ,x  Φ,y  Φ,d),
-//! - ε = (F·r) (1/ρ³ − 3 r rᵀ/ρ⁵) + m H, where H is the Hessian of Φ in the plane, −Φ,dd normal to it
-//!   and zero otherwise
+//! - ε = (F·r) (1/ρ³ − 3 r rᵀ/ρ⁵) + m H, where H is the Hessian of Φ in the plane, −Φ,dd normal to
+//!   it and zero otherwise
 //!
-//! (Boussinesq's and Cerruti's solutions; Johnson 1985, Contact Mechanics, ch. 3). Forces may act at a
-//! height over the face, so that they bear on it as smooth pressures.
+//! (Boussinesq's and Cerruti's solutions; Johnson 1985, Contact Mechanics, ch. 3). Forces may act
+//! at a height over the face, so that they bear on it as smooth pressures.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 

@@ -1,8 +1,8 @@
 //! Compliance of a bonded elastic layer, between square-like cells on its face and at depth.
 //!
 //! A layer of thickness t, infinite in plan and bonded to a rigid base, is displaced at its face by
-//! u(x) = ∫ G(x − ξ) p(ξ) dξ under a traction p. With κ = k t for the wave number k, shear modulus μ
-//! and D(κ) = (3−4ν) cosh 2κ + 2κ² + 5 − 12ν + 8ν², the transform of G has the parts
+//! u(x) = ∫ G(x − ξ) p(ξ) dξ under a traction p. With κ = k t for the wave number k, shear modulus
+//! μ and D(κ) = (3−4ν) cosh 2κ + 2κ² + 5 − 12ν + 8ν², the transform of G has the parts
 //!
 //! - normal (1−ν)/(μk) · ((3−4ν) sinh 2κ − 2κ)/D,
 //! - along the wave (1−ν)/(μk) · ((3−4ν) sinh 2κ + 2κ)/D,
@@ -10,9 +10,9 @@
 //! - coupling of the first two 1/(μk) · ((1−2ν)(3−4ν)(1 − cosh 2κ)/2 + κ²)/D,
 //!
 //! which follow from Navier's equations in plane strain with zero displacement at the base. For
-//! large κ they are those of a half-space. G is the half-space's, which is integrated over a cell in
-//! closed form (Johnson 1985, Contact Mechanics, ch. 3: Boussinesq's and Cerruti's solutions), plus
-//! a smooth rest, the Hankel transform of the difference. Below the face the solution is the
+//! large κ they are those of a half-space. G is the half-space's, which is integrated over a cell
+//! in closed form (Johnson 1985, Contact Mechanics, ch. 3: Boussinesq's and Cerruti's solutions),
+//! plus a smooth rest, the Hankel transform of the difference. Below the face the solution is the
 //! exponential of the same equations as a system of first order in depth.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
@@ -31,10 +31,11 @@ pub(super) struct LayerKernel {
 pub(super) struct Table {
     /// Largest distance along x and y plus 1. The displacement is zero at the largest.
     count: [usize; 2],
-    /// Displacements for distances of 0 or more. The signs of x and y turn with those of a distance.
+    /// Displacements for distances of 0 or more. The signs of x and y turn with those of a
+    /// distance.
     entries: Vec<Columns>,
-    /// Displacements for distances up to [`NEAR`] with their signs, and for a strip more along y: by
-    /// distance along x, axis of the force and distance along y.
+    /// Displacements for distances up to [`NEAR`] with their signs, and for a strip more along y:
+    /// by distance along x, axis of the force and distance along y.
     near: Vec<f32>,
 }
 
@@ -286,7 +287,8 @@ const GAUSS_4: [(f64, f64); 4] = [
 /// Displacement, times E, of the point `at` on a half-space's face under a unit force spread evenly
 /// over a cell of `sides` at the origin.
 fn half_space(at: [f64; 2], sides: [f64; 2], nu: f64) -> Matrix3<f64> {
-    // Integrals over the cell of x²/r³, y²/r³, xy/r³, x/r² and y/r², by their values at its corners.
+    // Integrals over the cell of x²/r³, y²/r³, xy/r³, x/r² and y/r², by their values at its
+    // corners.
     let (mut xx, mut yy, mut xy, mut x1, mut y1) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (sign_x, x) in [(1.0, at[0] + 0.5 * sides[0]), (-1.0, at[0] - 0.5 * sides[0])] {
         for (sign_y, y) in [(1.0, at[1] + 0.5 * sides[1]), (-1.0, at[1] - 0.5 * sides[1])] {

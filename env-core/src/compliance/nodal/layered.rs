@@ -60,8 +60,8 @@ pub struct LayeredPad {
 struct Known {
     /// [`ModelFace::under`] it.
     under: ([u32; 3], [f64; 3]),
-    /// Changes of the displacement of [`NearNodes::parts`], layer after layer, by a unit force along
-    /// each axis on it, and their unit (m/N).
+    /// Changes of the displacement of [`NearNodes::parts`], layer after layer, by a unit force
+    /// along each axis on it, and their unit (m/N).
     changes: [Vec<i16>; 3],
     unit: f32,
 }
@@ -82,9 +82,9 @@ pub struct NodeContact {
 }
 
 impl LayeredPad {
-    /// Builds the model of the pad of `outline`, of the body and friction of `compliance`, for fields on
-    /// a `model` mesh, with contact at the `resolution`. Returns an error if that is not a mesh of the
-    /// pad whose `sides` are given.
+    /// Builds the model of the pad of `outline`, of the body and friction of `compliance`, for
+    /// fields on a `model` mesh, with contact at the `resolution`. Returns an error if that is not
+    /// a mesh of the pad whose `sides` are given.
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
@@ -167,8 +167,8 @@ impl LayeredPad {
         (0..).zip(sum).zip(bears).filter_map(|(contact, bears)| bears.then_some(contact)).collect()
     }
 
-    /// Contact of a solution as forces (N) on points of the face at rest (m), `count` along each side
-    /// of a touching cell, over which its force is spread evenly.
+    /// Contact of a solution as forces (N) on points of the face at rest (m), `count` along each
+    /// side of a touching cell, over which its force is spread evenly.
     pub fn point_forces(
         &self,
         settled: &ContactSolution,
@@ -200,8 +200,8 @@ impl LayeredPad {
         (0..3 * count).map(response)
     }
 
-    /// Replaces, in the displacement of nodes (m) near the contact, the effect of forces distributed over
-    /// the face nodes by that of the forces on cells.
+    /// Replaces, in the displacement of nodes (m) near the contact, the effect of forces
+    /// distributed over the face nodes by that of the forces on cells.
     pub fn refine(&self, settled: &ContactSolution, displacement: &mut [Vector3<f64>]) {
         let (grid, model) = (self.grid(settled), &self.model);
         let layer = 3 * model.nodes.len();
@@ -234,8 +234,8 @@ impl LayeredPad {
         }
     }
 
-    /// Von Mises stress (T) in Pa of the model mesh's tetrahedra near the contact under the forces on
-    /// cells, given the refined `displacement` (V) in m; `None` of those farther away.
+    /// Von Mises stress (T) in Pa of the model mesh's tetrahedra near the contact under the forces
+    /// on cells, given the refined `displacement` (V) in m; `None` of those farther away.
     pub fn stress_near_contact(
         &self,
         settled: &ContactSolution,
@@ -363,8 +363,8 @@ mod tests {
         assert!((middle.xy() - pose.translation.vector.xy()).norm() < 2e-4, "{middle}");
     }
 
-    /// Cells beside an edge must stay on the side where the block met them, not be pushed out at the
-    /// side that is nearest once they are inside.
+    /// Cells beside an edge must stay on the side where the block met them, not be pushed out at
+    /// the side that is nearest once they are inside.
     #[test]
     fn a_block_presses_the_same_in_one_step_and_in_many() {
         let layered = layered();
@@ -405,8 +405,8 @@ mod tests {
         );
     }
 
-    /// Displacement (m) of a node of a free layer of the model mesh under the forces on all cells, by
-    /// the elastic layer and the sides.
+    /// Displacement (m) of a node of a free layer of the model mesh under the forces on all cells,
+    /// by the elastic layer and the sides.
     fn under_cells(
         layered: &LayeredPad,
         settled: &ContactSolution,

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     super::push::{ForceControlled, push},
     between::{ContactTriangle, Standing, watched},
-    contact_nodes::{ContactNodes, Group},
+    contact_nodes::ContactNodes,
     grid::CellGrid,
     patch::{Move, NodalScratch, Patch},
     resolution::ContactResolution,
@@ -15,10 +15,11 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{ContactLaw, between, clearance, gap},
+    contact::{ContactLaw, PointGroup, between, clearance, gap},
     deformation::{
         Anchor, FrameDrive, History, NextStep, Press, Wrench, solve_frames, solve_in_steps,
     },
+    error::StepDefect,
     fem::FemOptions,
     geometry::Shape,
 };
@@ -27,24 +28,22 @@ use crate::{
 const LONGEST_STEP: f64 = 5e-4;
 /// Allowance added to the motion of the shapes when the nodes near them are selected (m).
 const MARGIN: f64 = 1e-4;
-/// Depth by which a shape may enter the held faces, in softnesses.
-const UNFELT: f64 = 10.0;
 /// Most cells of a level that are searched for a first touch.
 const WIDE: usize = 24_000;
 /// Least breadth and thickness, in sides of a cell, of a wall that cells resolve. A strip in any
 /// direction that is thicker than a side and at least 2.7 sides long covers the centre of a cell in
 /// every row that it crosses. The thickness has a margin of a fifth for walls that lean.
 const WALL: [f64; 2] = [4.0, 1.2];
-/// More touching cells than the edge of a thin wall can have: a strip three cells wide, across a pad
-/// and back. Where more touch, the wall lies on its side.
+/// More touching cells than the edge of a thin wall can have: a strip three cells wide, across a
+/// pad and back. Where more touch, the wall lies on its side.
 const BROAD: usize = 256;
 /// Smallest part of the longest step that is tried.
 const SHORTEST: f64 = 1.0 / 64.0;
 
 /// A press during load stepping.
 pub(super) struct NodalLoadStepping<'a> {
-    /// Contact nodes of the body; if there are several sets, each is a grid of cells half as long as
-    /// those before.
+    /// Contact nodes of the body; if there are several sets, each is a grid of cells half as long
+    /// as those before.
     levels: &'a [ContactNodes],
     law: ContactLaw,
     shapes: &'a [Shape],
@@ -115,8 +114,7 @@ impl<'a> NodalLoadStepping<'a> {
         self.work = 0;
         solve_in_steps(self, length, retry, |stepping, t| {
             if stepping.work > stepping.resolution.work {
-                let (residual, tolerance) = (f64::INFINITY, 0.0);
-                return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
+                return Err(Error::StepTooLong { defect: StepDefect::OverWorkLimit });
             }
             stepping.state = stepping.attempt(&between(&from, poses, t))?;
             sweeps += stepping.state.sweeps;
@@ -128,7 +126,7 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Greatest motion of a shape between two poses, measured at the groups of nodes (m).
     fn motion(&self, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
-        let moved = |group: &Group| {
+        let moved = |group: &PointGroup| {
             (to * from.inverse_transform_point(&group.centre) - group.centre).norm()
         };
         self.levels[0].groups.iter().map(moved).fold(0.0, f64::max)
@@ -154,7 +152,8 @@ impl<'a> NodalLoadStepping<'a> {
     /// Attempts one load step to `poses` and returns the state it ends in.
     ///
     /// On a body with several levels of cells:
-    /// - the step is taken on the finest level on which no more cells touch than the resolution allows;
+    /// - the step is taken on the finest level on which no more cells touch than the resolution
+    ///   allows;
     /// - it stays on the level of the last step if that is coarser and few cells touch there;
     /// - levels whose cells are about as wide as the thinnest wall are used only if more than
     ///   [`BROAD`] cells touch on the next finer level, so that the wall touches by its side.
@@ -357,8 +356,7 @@ impl<'a> NodalLoadStepping<'a> {
         self.work += sweeps * patch.touching().pow(2);
         settled?;
         if patch.leaps() {
-            let (residual, tolerance) = (f64::INFINITY, 0.0);
-            return Err(Error::NotConverged { iterations: sweeps, residual, tolerance });
+            return Err(Error::StepTooLong { defect: StepDefect::PassedSurface });
         }
         if patch.folds() {
             return Err(Error::Inverted);
@@ -369,8 +367,7 @@ impl<'a> NodalLoadStepping<'a> {
         let held = patch.held();
         let wrench = Wrench::of_forces(held.iter().map(|(held, place)| (held.force, place.coords)));
         if !wrench.force.iter().chain(wrench.torque.iter()).all(|x| x.is_finite()) {
-            let residual = f64::INFINITY;
-            return Err(Error::NotConverged { iterations: sweeps, residual, tolerance: 0.0 });
+            return Err(Error::StepTooLong { defect: StepDefect::NotFinite });
         }
         let amplitude = patch.amplitude();
         let held = held.into_iter().map(|(held, _)| held).collect();
@@ -381,16 +378,14 @@ impl<'a> NodalLoadStepping<'a> {
     /// the body without touching a node.
     fn check_inside(&self, state: &NodalState) -> Result<()> {
         let condensed = &self.levels[0].condensed;
-        let (path, limits) =
-            ([&self.state.poses[..], &state.poses], [UNFELT * self.law.softness, 0.0]);
-        condensed.backing.check(self.shapes, path, limits)?;
+        let most = self.law.deep();
+        condensed.backing.check(self.shapes, [&self.state.poses, &state.poses], most)?;
         for (s, (shape, pose)) in self.shapes.iter().zip(&state.poses).enumerate() {
             if state.held.iter().any(|held| held.shape as usize == s) {
                 continue;
             }
             if self.levels[0].engulfs(shape, pose) {
-                let (residual, tolerance) = (f64::INFINITY, 0.0);
-                return Err(Error::NotConverged { iterations: state.sweeps, residual, tolerance });
+                return Err(Error::StepTooLong { defect: StepDefect::Engulfed });
             }
         }
         Ok(())

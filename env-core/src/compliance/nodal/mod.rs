@@ -35,13 +35,12 @@ mod state;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::Compliance;
 use crate::{
     Error, Result,
     contact::ContactLaw,
-    deformation::{Deformation, DeformationModel, Press, SoftBody},
+    deformation::{Deformation, DeformationModel, Press, SoftBody, solve_in_parallel},
     geometry::PadMesh,
 };
 
@@ -67,9 +66,9 @@ impl Nodal {
         &self.nodes.condensed.body
     }
 
-    /// Applies `carry` to the displacement of all nodes (V) in m that `responses` give for a unit force
-    /// on each contact node along each axis (3M). Forces on contact nodes must be distributed to the
-    /// face alone.
+    /// Applies `carry` to the displacement of all nodes (V) in m that `responses` give for a unit
+    /// force on each contact node along each axis (3M). Forces on contact nodes must be distributed
+    /// to the face alone.
     pub(crate) fn unit_responses<T>(
         &self,
         responses: &FaceResponses,
@@ -151,7 +150,7 @@ impl Nodal {
 }
 
 impl Compliance {
-    /// Returns a model of the same body and friction with contact at the nodes, without correction
+    /// Returns a model of the same body and friction with contact at the nodes, without
     /// corrections for nonlinearity.
     pub fn at_nodes(&self) -> Nodal {
         let nodes = ContactNodes::new(Arc::clone(&self.condensed));
@@ -168,10 +167,9 @@ impl Compliance {
 
 impl DeformationModel for Nodal {
     /// Solves presses in parallel, each on one thread.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        let model = &*self;
-        let last = |press| model.solve_path(press).pop().expect("a press has a frame");
-        presses.par_iter().map(last).collect()
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        let last = |press: &Press| self.solve_path(press).pop().expect("a press has a frame");
+        solve_in_parallel(presses, last)
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

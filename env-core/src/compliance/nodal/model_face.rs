@@ -1,8 +1,8 @@
 //! Face of the mesh on which fields are output, and its displacement by the elastic layer and the
 //! sides.
 //!
-//! Forces on cells are distributed over the nodes of the face, for which responses are tabulated. Near
-//! a cell, the response to the force on the cell itself is used instead.
+//! Forces on cells are distributed over the nodes of the face, for which responses are tabulated.
+//! Near a cell, the response to the force on the cell itself is used instead.
 //!
 //! Shapes: C nodes a layer.
 
@@ -30,8 +30,8 @@ pub(super) struct NearNodes {
     pub(super) nodes: Vec<u32>,
     /// Ranges of successive numbers among them.
     runs: Vec<[usize; 2]>,
-    /// Ranges of a layer's displacement (C, 3) that begin with the nodes of a run and contain them, each
-    /// a multiple of [`LANES`] long.
+    /// Ranges of a layer's displacement (C, 3) that begin with the nodes of a run and contain them,
+    /// each a multiple of [`LANES`] long.
     pub(super) parts: Vec<[usize; 2]>,
 }
 
@@ -41,7 +41,7 @@ pub(super) struct ModelFace {
     pub(super) nodes: Vec<Point3<f64>>,
     /// Rotations from the frames of the layer under the nodes to that of the pad (C).
     tilts: Vec<Matrix3<f32>>,
-    /// What the sides change.
+    /// Influence of the sides on displacement.
     pub(super) sides: SideField,
     triangles: Vec<[u32; 3]>,
     /// Triangles that a square of the plan may touch, row after row along y.
@@ -181,8 +181,8 @@ impl ModelFace {
         best.expect("the mesh covers the face")
     }
 
-    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N) is
-    /// spread over it, and not as tractions around the nodes of the face (m).
+    /// Change of the displacement of the nodes near a `cell` of a grid, by layer, if a `force` (N)
+    /// is spread over it, and not as tractions around the nodes of the face (m).
     pub(super) fn changes(&self, grid: &CellGrid, cell: u32, force: [f32; 3]) -> Vec<[f32; 3]> {
         let count = self.nodes.len();
         let from = grid.place(cell);

@@ -3,8 +3,8 @@
 //! Where the contact is small beside the mesh, the displacement interpolated between the nodes
 //! misses most of the stress. Near the contact the displacement is therefore split into that of a
 //! half-space under the forces on cells, whose strain is known in closed form, and the rest, which
-//! is smooth and interpolated. The force on a cell acts at a point above its centre, so that it bears
-//! on the face as a smooth pressure about as wide as the cell.
+//! is smooth and interpolated. The force on a cell acts at a point above its centre, so that it
+//! bears on the face as a smooth pressure about as wide as the cell.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
@@ -21,11 +21,11 @@ use crate::{
 
 /// Distance in plan from a cell up to which stress is computed so, in spacings of the nodes.
 const REACH: f32 = 3.5;
-/// Distances from the nearest cell, in spacings, up to which the stress of a tetrahedron is the mean
-/// of the most samples, and of [`FEW`]; farther away it is that of its centre.
+/// Distances from the nearest cell, in spacings, up to which the stress of a tetrahedron is the
+/// mean of the most samples, and of [`FEW`]; farther away it is that of its centre.
 const CLOSE: [f32; 2] = [0.9, 2.0];
-/// Distance in plan from the middle of a column, in spacings, up to which forces are taken one by one,
-/// and side of the squares in which farther ones are merged.
+/// Distance in plan from the middle of a column, in spacings, up to which forces are taken one by
+/// one, and side of the squares in which farther ones are merged.
 const BESIDE: f32 = 1.7;
 const MERGED: f32 = 0.25;
 /// Samples along an edge of a tetrahedron, as those of [`sample_shares`].
@@ -33,8 +33,9 @@ const FEW: usize = 2;
 const MOST: usize = 5;
 /// Samples that are written together: those of a tetrahedron with [`FEW`] along an edge.
 const TOGETHER: usize = 4;
-/// Height over a cell, in its sides, at which the force on it acts, for cells narrow and wide against
-/// the spacing of the nodes. The latter displaces the centre of the cell about as an even pressure.
+/// Height over a cell, in its sides, at which the force on it acts, for cells narrow and wide
+/// against the spacing of the nodes. The latter displaces the centre of the cell about as an even
+/// pressure.
 pub(super) const LIFT: [f64; 2] = [0.3, 0.6];
 
 /// Tetrahedra of the model mesh in columns of grid cells.
@@ -384,7 +385,8 @@ impl PointForces {
         Self { forces, places }
     }
 
-    /// Writes the squared distances (m²) in plan of the forces from a `centre`, and returns the least.
+    /// Writes the squared distances (m²) in plan of the forces from a `centre`, and returns the
+    /// least.
     fn distances_squared(&self, centre: [f32; 2], squares: &mut Vec<Lanes>) -> f32 {
         squares.resize(self.places.len(), [0.0; LANES]);
         let mut least = [f32::INFINITY; LANES];
@@ -440,8 +442,8 @@ impl Points {
     }
 }
 
-/// Norm of the deviator of `strain` times `scale` plus `smooth`, of the parts xx, yy, zz, xy, xz and
-/// yz.
+/// Norm of the deviator of `strain` times `scale` plus `smooth`, of the parts xx, yy, zz, xy, xz
+/// and yz.
 #[inline(always)]
 fn deviator_norm(strain: &[Lanes; 6], scale: f32, smooth: &[Lanes; 6]) -> Lanes {
     let mut norms = [0.0; LANES];

@@ -10,32 +10,29 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     between::FELT,
-    contact_nodes::{ContactNodes, Group, NodeCompliance},
+    contact_nodes::{ContactNodes, NodeCompliance},
     spots::Spots,
     state::{Held, forces},
 };
 use crate::{
-    contact::{ContactLaw, SurfacePoint, first_touch, gap, nearest, went_through},
+    contact::{ContactLaw, PointGroup, SurfacePoint, first_touch, gap, nearest, went_through},
     geometry::{Distance, Shape},
     simd::PIECE,
 };
 
-/// Depth that a node must have reached in a shape to count as having passed through it, in
-/// softnesses.
-const RUN_OVER: f64 = 10.0;
 /// Least cosine between the normal of a shape where a node entered it and that at its nearest point
 /// to the node. If they differ by more, the node is pushed out where it entered.
 const TURNED: f64 = 0.5;
 /// Cosine between the outward normals of body and shape above which the shape is on the wrong side
 /// of the skin. Where body and shape touch, these normals oppose each other.
 const FOLDED: f64 = 0.5;
-/// Cosine between the outward normals of body and shape above which the shape touches with a flank and
-/// not with its end.
+/// Cosine between the outward normals of body and shape above which the shape touches with a flank
+/// and not with its end.
 const FLANK: f64 = -0.2;
 /// Number of parts in which the line between two neighbouring cells is looked at.
 const PARTS: u32 = 8;
-/// Length between two runs up to which they are merged: fewer, longer runs are faster in spite of the
-/// additional numbers.
+/// Length between two runs up to which they are merged: fewer, longer runs are faster in spite of
+/// the additional numbers.
 const BRIDGE: usize = PIECE;
 
 /// Working memory of one thread, reused for successive presses.
@@ -103,8 +100,8 @@ pub(super) struct NodeTarget {
 
 impl<'a> Patch<'a> {
     /// Collects the nodes that, at their positions at the beginning of the step, are within `reach`
-    /// (m) of a shape at the end of the step, and those that are `held`; no node may be displaced by
-    /// more than `room` − `reach`. `None` if more than `most` cells of a grid lie inside shapes.
+    /// (m) of a shape at the end of the step, and those that are `held`; no node may be displaced
+    /// by more than `room` − `reach`. `None` if more than `most` cells of a grid lie inside shapes.
     pub(super) fn new(
         nodes: &'a ContactNodes,
         law: &'a ContactLaw,
@@ -119,7 +116,7 @@ impl<'a> Patch<'a> {
         let mut ranks: Vec<u32> = match &nodes.compliance {
             NodeCompliance::Matrix(..) => {
                 let near = nodes.groups.iter().filter(|group| is_near(motion, group, room));
-                near.flat_map(|group| group.ranks.iter().copied()).collect()
+                near.flat_map(|group| group.numbers.iter().copied()).collect()
             }
             NodeCompliance::Grid(grid) => {
                 grid.near((motion.shapes, motion.to), &forces, [room, reach], most)?
@@ -232,7 +229,7 @@ impl<'a> Patch<'a> {
         let (_, stuck) = *member
             .stuck
             .insert(stuck.unwrap_or_else(|| (shape, self.motion.touch(shape, &member.start))));
-        let entered = (distance.value < -RUN_OVER * self.law.softness)
+        let entered = (distance.value < -self.law.deep())
             .then(|| entered(form, &stuck, &pose.inverse_transform_point(place)))
             .flatten()
             .map(|Distance { value, normal }| Distance { value, normal: pose.rotation * normal })
@@ -308,7 +305,7 @@ impl<'a> Patch<'a> {
 
     /// Returns whether a node passed through a shape in this step.
     pub(super) fn leaps(&self) -> bool {
-        let depth = RUN_OVER * self.law.softness;
+        let depth = self.law.deep();
         self.members.iter().any(|member| {
             let place = self.place(member);
             let near = member.seen.1 - (place - member.seen.0).norm();
@@ -327,9 +324,9 @@ impl<'a> Patch<'a> {
             .any(|(rank, out_of_shape)| out_of_shape.dot(&self.nodes.normal(rank)) > FOLDED)
     }
 
-    /// Depth of a shape that is wedged between two neighbouring cells of a grid and touches them with
-    /// its flanks only, and the depth allowed (m), if the former is larger: the shape has pierced the
-    /// skin.
+    /// Depth of a shape that is wedged between two neighbouring cells of a grid and touches them
+    /// with its flanks only, and the depth allowed (m), if the former is larger: the shape has
+    /// pierced the skin.
     pub(super) fn pierced(&self) -> Option<[f64; 2]> {
         let grid = self.nodes.grid()?;
         let at_flank = |member: &&Member| {
@@ -438,8 +435,8 @@ impl Move<'_> {
     }
 }
 
-/// Distance of the point `place` inside a shape from the plane that touches it at `entry`, where the
-/// point entered; none if it is outside of the plane.
+/// Distance of the point `place` inside a shape from the plane that touches it at `entry`, where
+/// the point entered; none if it is outside of the plane.
 fn entered(shape: &Shape, entry: &Point3<f64>, place: &Point3<f64>) -> Option<Distance> {
     let normal = shape.distance(entry).normal;
     let value = normal.dot(&(place - entry));
@@ -467,7 +464,7 @@ fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix
 }
 
 /// Returns whether a node of `group`, displaced by less than `room` (m), may be near a shape.
-fn is_near(motion: Move, group: &Group, room: f64) -> bool {
+fn is_near(motion: Move, group: &PointGroup, room: f64) -> bool {
     motion.shapes.iter().zip(motion.to).any(|(shape, pose)| {
         let centre = pose.inverse_transform_point(&group.centre);
         shape.distance(&centre).value < group.radius + room

@@ -1,10 +1,10 @@
-//! Choices of how finely contact on cells is resolved.
+//! Resolution of contact on cells.
 
 use std::str::FromStr;
 
 use crate::{Error, Result};
 
-/// How finely contact is resolved on a body with several grids of cells.
+/// Fineness of contact on a body with several grids of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct ContactResolution {
     /// Number of grids, each with cells half as long as those of the one before.
@@ -24,8 +24,8 @@ impl ContactResolution {
     /// 2 mm deep takes a twentieth of it; a wall thinner than the first cells, which touches
     /// thousands of small ones, takes all.
     pub const FAST: Self = Self { levels: 8, most: 96, few: 12, work: 200_000_000 };
-    /// Resolution at which displacement and force are within some per cent of their limit, also under
-    /// edges; a press takes seconds.
+    /// Resolution at which displacement and force are within some per cent of their limit, also
+    /// under edges; a press takes seconds.
     pub const FINE: Self = Self { levels: 8, most: 800, few: 160, work: 20_000_000_000 };
 }
 

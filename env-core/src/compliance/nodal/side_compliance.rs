@@ -1,7 +1,8 @@
 //! Influence of the sides of a pad on displacement between its contact cells.
 //!
-//! What the sides, the rim and the curved face change against an elastic layer ([`Sides`]) is smooth,
-//! and is taken between tractions that fall off linearly around the cells of the first grid.
+//! The change by the sides, the rim and the curved face against an elastic layer ([`Sides`]) is
+//! smooth, and is taken between tractions that fall off linearly around the cells of the first
+//! grid.
 //!
 //! Shapes: C cells of the first grid.
 
@@ -68,8 +69,8 @@ impl FirstGrid {
         Self { outline: *outline, count, sides }
     }
 
-    /// Cells between whose centres a point of the plan lies, with weights that sum to 1; the outermost
-    /// hold to the edge.
+    /// Cells between whose centres a point of the plan lies, with weights that sum to 1; the
+    /// outermost hold to the edge.
     pub(super) fn around(&self, x: f64, y: f64) -> [(u32, f64); 4] {
         let along = |axis: usize, p: f64, extent: f64| {
             let most = f64::from(self.count[axis] - 1);
@@ -88,7 +89,8 @@ impl FirstGrid {
         ]
     }
 
-    /// Nodes of the face of `sides` that bear tractions around each cell (C), with shares of the force.
+    /// Nodes of the face of `sides` that bear tractions around each cell (C), with shares of the
+    /// force.
     fn loads(&self, sides: &Sides) -> Vec<Vec<(u32, f64)>> {
         let mut loads = vec![Vec::new(); (self.count[0] * self.count[1]) as usize];
         for (&node, area) in sides.mesh.face.iter().zip(sides.areas()) {
@@ -148,8 +150,8 @@ impl SideCompliance {
         sum
     }
 
-    /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along each
-    /// axis (3, 3T), shared among the cells `loaded`.
+    /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along
+    /// each axis (3, 3T), shared among the cells `loaded`.
     pub(super) fn add_rows(&self, loaded: [(u32, f32); 4], around: &Around, rows: &mut [f32]) {
         let Around { first, count } = *around;
         let (size, width) = (self.size(), 3 * count[1] as usize);

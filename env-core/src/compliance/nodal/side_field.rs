@@ -23,8 +23,8 @@ pub(super) struct SideField {
 }
 
 impl SideField {
-    /// Transfers the influence of the `sides` to the free nodes of a `model` mesh, its first. Returns an
-    /// error if that is not a mesh of the same pad.
+    /// Transfers the influence of the `sides` to the free nodes of a `model` mesh, its first.
+    /// Returns an error if that is not a mesh of the same pad.
     pub(super) fn new(sides: &Sides, model: &PadMesh) -> Result<Self> {
         let (fine, free) = (&sides.mesh, model.face.len() * model.cells[2] as usize);
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;

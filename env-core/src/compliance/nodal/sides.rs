@@ -1,8 +1,9 @@
 //! Influence of the sides and the curved face of a pad, by quadratic finite elements.
 //!
-//! The influence is the response of the pad's elements less that of a flat layer without sides, turned
-//! with the face, on the same nodes: both have the same error of discretisation, which cancels. The
-//! elements are quadratic because linear ones are too inaccurate under forces on single nodes.
+//! The influence is the response of the pad's elements less that of a flat layer without sides,
+//! turned with the face, on the same nodes: both have the same error of discretisation, which
+//! cancels. The elements are quadratic because linear ones are too inaccurate under forces on
+//! single nodes.
 //!
 //! Shapes: F nodes of the elements' face, middles of edges among them.
 

@@ -5,8 +5,8 @@
 //! read as it lies in memory, and that of the sides around the cells of the first grid. In sweeps
 //! only the strips with touching cells are active; the others are brought up to date between them.
 //!
-//! Shapes: N cells, B strips, T cells of the first grid around them. A displacement consists of those
-//! of all cells of the strips and of the first grid's ([`STRIP`] B + T, 3) in m.
+//! Shapes: N cells, B strips, T cells of the first grid around them. A displacement consists of
+//! those of all cells of the strips and of the first grid's ([`STRIP`] B + T, 3) in m.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
@@ -37,8 +37,8 @@ pub(super) struct Spots {
     passive: Vec<u32>,
     /// Force on each cell that is included in the displacement of the passive strips (N).
     told: Vec<Vector3<f64>>,
-    /// Cells of the first grid around each cell, with weights: by rank, and by number among those of
-    /// the rectangle that contains all (N).
+    /// Cells of the first grid around each cell, with weights: by rank, and by number among those
+    /// of the rectangle that contains all (N).
     around: Vec<[(u32, f32); 4]>,
     numbers: Vec<[u32; 4]>,
     coarse: Around,
@@ -93,8 +93,8 @@ impl Spots {
     }
 
     /// Makes the strips of the `touching` cells active and the others passive. The displacement of
-    /// the latter must include all forces. Returns the ranges of numbers of a displacement that follow
-    /// every force.
+    /// the latter must include all forces. Returns the ranges of numbers of a displacement that
+    /// follow every force.
     pub(super) fn activate(&mut self, touching: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
         self.active.clear();
         self.active.extend(touching.map(|cell| self.places[cell as usize] / STRIP as u32));
@@ -198,7 +198,8 @@ impl Spots {
         self.numbers[cell].into_iter().zip(self.around[cell])
     }
 
-    /// Place in `rows` of the responses to forces on cell `loaded`, which are computed on first use.
+    /// Place in `rows` of the responses to forces on cell `loaded`, which are computed on first
+    /// use.
     fn rows(&mut self, grid: &CellGrid, loaded: usize) -> Range<usize> {
         let size = 9 * self.coarse.len();
         let first = self.known[loaded].unwrap_or_else(|| {
@@ -213,8 +214,8 @@ impl Spots {
     }
 }
 
-/// Adds to the displacement `sum` of those of the `strips` that are `chosen` the layer's response to
-/// a `force` (N) on the cell `from`.
+/// Adds to the displacement `sum` of those of the `strips` that are `chosen` the layer's response
+/// to a `force` (N) on the cell `from`.
 #[inline(always)]
 fn add_strips(
     sum: &mut [[f32; 3 * STRIP]],

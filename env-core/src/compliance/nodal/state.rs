@@ -68,9 +68,9 @@ pub(super) fn forces(held: &[Held]) -> Vec<(u32, Vector3<f64>)> {
     held.iter().map(|held| (held.rank, held.force)).collect()
 }
 
-/// Returns the `first` poses with each shape that overlaps the body at rest moved out of it, to where
-/// it is taken to come from: to above a pad if it does not reach below its base. Returns an error if
-/// one is wholly inside the body.
+/// Returns the `first` poses with each shape that overlaps the body at rest moved out of it, to
+/// where it is taken to come from: to above a pad if it does not reach below its base. Returns an
+/// error if one is wholly inside the body.
 pub(super) fn outside(
     levels: &[ContactNodes],
     shapes: &[Shape],
@@ -98,8 +98,8 @@ pub(super) fn outside(
     Ok(shapes.iter().zip(first).zip(&depths).map(start).collect())
 }
 
-/// Moves a shape, `sunk` into a pad (m), along z until its `depth` there (m) is 0; `None` if it is not
-/// after `most` (m).
+/// Moves a shape, `sunk` into a pad (m), along z until its `depth` there (m) is 0; `None` if it is
+/// not after `most` (m).
 fn lifted(
     pose: &Isometry3<f64>,
     [sunk, most]: [f64; 2],

@@ -20,8 +20,9 @@ impl Shape {
     /// the box between the corners `within` (m), which may be infinite. `None` for a solid of which
     /// rays are as quick ([`Self::ray_gap`]).
     ///
-    /// Exact for meshes, prisms and cuboids. Those of smooth solids have edges e of up to 0.4 mm and
-    /// corners on the surface, from which they are e²/6R off where its radius is R: 2 µm at 15 mm.
+    /// Exact for meshes, prisms and cuboids. Those of smooth solids have edges e of up to 0.4 mm
+    /// and corners on the surface, from which they are e²/6R off where its radius is R: 2 µm at 15
+    /// mm.
     pub fn triangles_near(
         &self,
         place: &Similarity3<f64>,

@@ -1,7 +1,7 @@
 //! Signed distance from a point to a shape, its gradient, and the gap along a ray.
 //!
-//! Points, normals and rays are in the shape's own frame ([`super::Shape`]). Distances are exact for
-//! solids with a closed form; converged to rounding by a Newton iteration for ellipsoids and
+//! Points, normals and rays are in the shape's own frame ([`super::Shape`]). Distances are exact
+//! for solids with a closed form; converged to rounding by a Newton iteration for ellipsoids and
 //! star-shaped solids; those of the nearest triangle, exact in f64, for meshes; and interpolated
 //! for sampled solids. On the medial axis, where the gradient does not exist, the normal is that of
 //! one of the nearest surface points.

@@ -95,8 +95,8 @@ impl CustomOp2 for Messages {
     }
 }
 
-/// Sets `sums` (V, H) to the messages of one press. A row of `nodes` is `stride` long and begins with
-/// the sender's and the receiver's part.
+/// Sets `sums` (V, H) to the messages of one press. A row of `nodes` is `stride` long and begins
+/// with the sender's and the receiver's part.
 #[inline(always)]
 pub(in super::super) fn hear(
     graph: &Edges,

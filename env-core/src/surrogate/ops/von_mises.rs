@@ -12,9 +12,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::{numbers, with_numbers};
 use crate::geometry::TetMesh;
 
-/// Least J in the denominator of the stress; smaller values are replaced by it. Gels are not pressed
-/// to half of their volume: a smaller J is that of a tetrahedron which coarse or linear displacements
-/// have folded.
+/// Least J in the denominator of the stress; smaller values are replaced by it. Gels are not
+/// pressed to half of their volume: a smaller J is that of a tetrahedron which coarse or linear
+/// displacements have folded.
 pub(super) const FLATTEST: f32 = 0.5;
 /// Added to the squared stress, so that its root is differentiable everywhere.
 pub(super) const EPSILON: f32 = 1e-10;

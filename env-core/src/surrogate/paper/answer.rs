@@ -3,7 +3,6 @@
 use std::{path::Path, sync::Arc, time::Instant};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use super::{
     card::PaperCard,
@@ -15,8 +14,9 @@ use super::{
 };
 use crate::{
     Error, Result,
-    deformation::{Drive, Moduli, Press, SoftBody},
+    deformation::{Drive, Moduli, Press, SoftBody, solve_frames, solve_in_parallel},
     geometry::Shape,
+    interrupt,
     sensor::Sensor,
     surrogate::{linear::body, material::PadMaterial, weights},
 };
@@ -110,11 +110,11 @@ impl PaperNetwork {
 
     /// Solves the presses in parallel, each on one thread, and returns their last frames.
     pub fn solve(&self, presses: &[Press]) -> Vec<Result<PaperAnswer>> {
-        let last = |press: &Press| {
+        solve_in_parallel(presses, |press| {
+            interrupt::check()?;
             let (input, path) = self.0.input(press)?;
             self.0.answer(&input, path.last().expect("a press has a frame"))
-        };
-        presses.par_iter().map(last).collect()
+        })
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -125,18 +125,11 @@ impl PaperNetwork {
             Ok(found) => found,
             Err(error) => return vec![Err(error)],
         };
-        let mut answers = Vec::new();
-        for pose in &path {
-            answers.push(self.0.answer(&input, pose));
-            if answers.last().is_some_and(Result::is_err) {
-                break;
-            }
-        }
-        answers
+        solve_frames(&path, |pose| self.0.answer(&input, pose))
     }
 
-    /// Returns whether an answer with that displacement (V, 3) in m, on this gel, lies within the range
-    /// of the training data.
+    /// Returns whether an answer with that displacement (V, 3) in m, on this gel, lies within the
+    /// range of the training data.
     pub fn is_in_distribution(&self, displacement: &[Vector3<f64>]) -> bool {
         self.0.card.data.covers(&self.0.pad.gel, displacement)
     }
@@ -267,6 +260,19 @@ mod tests {
         assert!(message(two.unwrap()).contains("shapes: found 2"));
         let plane = Press::along(vec![Shape::HalfSpace], vec![vec![Isometry3::identity()]]);
         assert!(message(plane.unwrap()).contains("a finite surface"));
+    }
+
+    #[test]
+    fn a_press_ends_when_it_is_requested() {
+        let (network, interrupt) = (opened(SHIPPED).unwrap(), interrupt::Interrupt::default());
+        interrupt.request();
+        let press = ball(&[7.5e-3, 7.2e-3]);
+        let path = interrupt.during(|| network.solve_path(&press));
+        let last = interrupt.during(|| network.solve(&[press]));
+        for found in [path, last] {
+            assert_eq!(found.len(), 1);
+            assert_eq!(found[0].as_ref().err(), Some(&Error::Interrupted));
+        }
     }
 
     #[test]

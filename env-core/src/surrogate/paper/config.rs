@@ -40,8 +40,8 @@ impl Variant {
 pub enum Input {
     /// The object's pose in the pad's frame.
     Translation,
-    /// The net normal force, and the object's pose when it first touched; how far it has moved since is
-    /// decoded at its nodes.
+    /// The net normal force, and the object's pose when it first touched; how far it has moved
+    /// since is decoded at its nodes.
     Force,
 }
 
@@ -64,7 +64,8 @@ pub struct PaperConfig {
 }
 
 impl Default for PaperConfig {
-    /// Variant B by translation at a size that trains on one core; the paper's is 128 wide, 15 rounds.
+    /// Variant B by translation at a size that trains on one core; the paper's is 128 wide, 15
+    /// rounds.
     fn default() -> Self {
         Self {
             variant: Variant::B,

@@ -6,7 +6,6 @@ use nalgebra::{Isometry3, Point3};
 
 use crate::{
     Result, dataset,
-    deformation::Moduli,
     geometry::{PadMesh, Shape},
     sensor::Sensor,
     surrogate::{material::PadMaterial, ops::Sparse},
@@ -49,7 +48,7 @@ impl PaperGels {
     pub(super) fn new(config: &dataset::DatasetConfig) -> Result<Self> {
         let pad = |gel: &dataset::GelConfig| {
             let sensor = Sensor::named(&gel.sensor)?;
-            let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+            let moduli = gel.moduli();
             let thickness = sensor.outline.thickness;
             let graph = Arc::new(Graph::new(&sensor.pad(config.model_nodes)?));
             Ok(Pad { gel: PadMaterial { moduli, friction: gel.friction, thickness }, graph })
@@ -80,7 +79,8 @@ impl Graph {
         }
     }
 
-    /// The pose at which `shape`, drawn out along the pad's axis from `pose`, just touches the face.
+    /// The pose at which `shape`, drawn out along the pad's axis from `pose`, just touches the
+    /// face.
     pub(super) fn touch(&self, shape: &Shape, mut pose: Isometry3<f64>) -> Isometry3<f64> {
         for _ in 0..STEPS {
             let distance = |p: &Point3<f64>| shape.distance(&pose.inverse_transform_point(p)).value;

@@ -57,8 +57,8 @@ pub(super) fn judge_paper(
     }))
 }
 
-/// Errors of the network in the `bytes` of weights called `name` on the grasps of those `names`, press
-/// by press.
+/// Errors of the network in the `bytes` of weights called `name` on the grasps of those `names`,
+/// press by press.
 pub(in super::super) fn evaluate(
     name: &str,
     bytes: &[u8],

@@ -103,8 +103,8 @@ impl PaperPatch {
         Self { places, pairs: pairs.into_iter().collect() }
     }
 
-    /// Numbers of the at most `most` nodes nearest to `place`, none farther than `radius`, when they
-    /// lie at `places`.
+    /// Numbers of the at most `most` nodes nearest to `place`, none farther than `radius`, when
+    /// they lie at `places`.
     pub(super) fn nearest(
         places: &[Point3<f64>],
         place: &Point3<f64>,

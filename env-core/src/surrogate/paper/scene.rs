@@ -13,7 +13,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::{gels::Pad, patch::PaperPatch};
 use crate::{
     Error, Result,
-    surrogate::ops::{Edges, Sparse},
+    surrogate::{
+        ops::{Edges, Sparse},
+        train::mirror_signs,
+    },
 };
 
 /// Number of features of a node: kind (free, bonded, object), position, displacement since touch in
@@ -21,7 +24,8 @@ use crate::{
 pub(super) const NODE_FEATURES: usize = 3 + 3 + 3 + 3 + 2;
 /// Number of features of a mesh edge: vector from sender to receiver, and its length.
 pub(super) const MESH_FEATURES: usize = 4;
-/// Number of features of a contact edge: those of a mesh edge, and the force over the number of edges.
+/// Number of features of a contact edge: those of a mesh edge, and the force over the number of
+/// edges.
 pub(super) const CONTACT_FEATURES: usize = 5;
 
 /// Greatest length of a contact edge (m), as in `DefGraspNets`.
@@ -65,11 +69,6 @@ pub(super) struct Links {
     pub(super) sums: Arc<Sparse>,
 }
 
-/// Signs of x, y and z in mirror 0 to 3: none, x, y, both.
-pub(super) fn signs(mirror: usize) -> [f64; 3] {
-    [mirror & 1, mirror >> 1 & 1, 0].map(|flip| if flip == 1 { -1.0 } else { 1.0 })
-}
-
 impl PaperScene {
     /// Builds the graph of `push` by the surface in `patch`, which touches `pad`, seen in a mirror;
     /// an error if nothing is near the gel.
@@ -87,7 +86,7 @@ impl PaperScene {
             PaperPush::Force(_) => at_touch.collect(),
         };
         let places: Vec<_> = graph.places.iter().chain(&object).copied().collect();
-        let signs = Vector3::from(signs(mirror));
+        let signs = Vector3::from(mirror_signs(mirror));
         let offset = |a: u32, b: u32| {
             (places[a as usize] - places[b as usize]).component_mul(&signs) / length
         };

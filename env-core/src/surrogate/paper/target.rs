@@ -14,7 +14,7 @@ use super::{
     patch::PaperPatch,
     rigid::{self, STILL},
     samples::PaperSample,
-    scene::{PaperPush, PaperScene, signs},
+    scene::{PaperPush, PaperScene},
 };
 use crate::{
     Error, Result,
@@ -23,7 +23,7 @@ use crate::{
         loss::relative,
         material::PadMaterial,
         parameters::Parameters,
-        train::{Loss, Network},
+        train::{Loss, Network, mirror_signs},
         weights,
     },
 };
@@ -88,7 +88,7 @@ impl TrainablePaper {
         mirror: usize,
     ) -> Result<[Option<Tensor>; 4]> {
         let answer = self.output(gels, sample, mirror)?;
-        let signs = signs(mirror).map(|sign| sign as f32);
+        let signs = mirror_signs(mirror).map(|sign| sign as f32);
         let error = |found: &Tensor, target: Vec<f32>, middling: f64| -> Result<Option<Tensor>> {
             let weight = weight(&target, middling);
             let target = Tensor::from_vec(target, (1, found.elem_count()), &Device::Cpu)?;

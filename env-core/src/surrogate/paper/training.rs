@@ -96,7 +96,8 @@ impl PaperTrainingConfig {
     /// Trains `run` on the dataset in `data` for the budget, timed by `clock` (s), and evaluates
     /// it. For one of the paper's networks, also returns the weights.
     ///
-    /// Errors: a dataset that cannot be read, a split without frames, a gradient that is not finite.
+    /// Errors: a dataset that cannot be read, a split without frames, a gradient that is not
+    /// finite.
     pub fn run(
         &self,
         run: &Run,

@@ -7,7 +7,6 @@ use std::{
 };
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::{
     fast::{ObjectBuffers, ObjectInference},
@@ -20,7 +19,10 @@ use super::{
 };
 use crate::{
     Error, Result, compliance,
-    deformation::{Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench},
+    deformation::{
+        Deformation, DeformationModel, Law, Moduli, Press, SoftBody, Wanted, Wrench, solve_frames,
+        solve_in_parallel,
+    },
     geometry::Shape,
     objects::tets_within,
     surrogate::{material::PadMaterial, parameters::Parameters, weights},
@@ -28,8 +30,8 @@ use crate::{
 
 /// A trained network on one soft object. Copies share the precomputed data.
 ///
-/// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields and
-/// wrenches are in the object's frame.
+/// A press is of two equal cuboids, the fingers, whose sides at +z face the object; poses, fields
+/// and wrenches are in the object's frame.
 #[derive(Clone)]
 pub struct SoftSurrogate(Arc<ObjectNetwork>);
 
@@ -110,8 +112,9 @@ impl SoftSurrogate {
             Err(error) => return vec![Err(error)],
         };
         let mut scratch = ObjectBuffers::default();
-        let answers = self.0.linear.path(press).into_iter();
-        answers.map(|linear| Ok(self.0.correct(press, &half, linear?, &mut scratch))).collect()
+        solve_frames(self.0.linear.path(press), |linear| {
+            Ok(self.0.correct(press, &half, linear?, &mut scratch))
+        })
     }
 
     /// Returns whether an answer with that displacement (V, 3) in m lies within the range of the
@@ -120,7 +123,8 @@ impl SoftSurrogate {
         self.0.card.data.covers(&self.0.unit, displacement)
     }
 
-    /// Wrenches of two fingers of these half-extents (m) on the object in an answer to their press, in the object's frame about its origin.
+    /// Wrenches of two fingers of these half-extents (m) on the object in an answer to their press,
+    /// in the object's frame about its origin.
     pub fn of_fingers(&self, half_extents: &Vector3<f64>, answer: &Deformation) -> [Wrench; 2] {
         let grip = Grip::of(half_extents, &answer.poses);
         let mut wrenches = [Wrench::default(); 2];
@@ -180,21 +184,20 @@ impl ObjectNetwork {
 impl DeformationModel for SoftSurrogate {
     /// Solves the presses in parallel, each on one thread; the frames before the last are not
     /// corrected.
-    fn solve(&mut self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, Wanted { stress: true, residual: true })
+    fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
+        self.solve_partially(presses, Wanted::ALL)
     }
 
     /// Performs [`DeformationModel::solve`]; the stress is always computed.
-    fn solve_partially(&mut self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         let model = &*self.0;
-        let last = |press: &Press| {
+        solve_in_parallel(presses, |press| {
             let half = Grip::half_extents(press)?;
             model.with_memory(|Memory { linear, network }| {
                 let linear = model.linear.last(press, wanted.residual, linear)?;
                 Ok(model.correct(press, &half, linear, network))
             })
-        };
-        presses.par_iter().map(last).collect()
+        })
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {

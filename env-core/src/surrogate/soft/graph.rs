@@ -12,7 +12,7 @@ use std::{collections::BTreeSet, sync::Arc};
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::{
-    geometry::TetMesh,
+    geometry::{TetMesh, vertex_normals},
     surrogate::{
         graph::{Level, SCALES},
         ops::{Edges, ShapeGradients, Sparse},
@@ -72,7 +72,7 @@ impl ObjectGraph {
             levels: [fine.0, middle.0, coarse.0],
             offsets: [fine.1, middle.1, coarse.1],
             places: mesh.vertices.clone(),
-            normals: normals(mesh),
+            normals: vertex_normals(&mesh.vertices, &mesh.boundary()),
             gradients: Arc::new(ShapeGradients::new(mesh, length)),
             corners: Arc::new(Sparse::new(&corners, count)),
         }
@@ -88,19 +88,6 @@ impl ObjectGraph {
         };
         self.offsets[scale].iter().flat_map(row).collect()
     }
-}
-
-/// Outward normals of the nodes of a mesh's surface, by area.
-fn normals(mesh: &TetMesh) -> Vec<Vector3<f64>> {
-    let mut normals = vec![Vector3::zeros(); mesh.vertices.len()];
-    for triangle in mesh.boundary() {
-        let [a, b, c] = triangle.map(|node| mesh.vertices[node as usize]);
-        let normal = (b - a).cross(&(c - a));
-        for node in triangle {
-            normals[node as usize] += normal;
-        }
-    }
-    normals.iter().map(|normal| normal.try_normalize(0.0).unwrap_or_default()).collect()
 }
 
 /// Edges between sorted pairs of receiver and sender, and the vectors along them.

@@ -1,7 +1,8 @@
 //! Input of the network for a squeeze, as dimensionless numbers.
 //!
-//! Lengths are in units of the object's size L, stresses of the shear modulus μ, forces of E L². The
-//! network's outputs are multiplied by the squeeze's own amplitude, so without contact they are zero.
+//! Lengths are in units of the object's size L, stresses of the shear modulus μ, forces of E L².
+//! The network's outputs are multiplied by the squeeze's own amplitude, so without contact they are
+//! zero.
 //!
 //! Shapes: V nodes, T tetrahedra.
 
@@ -51,7 +52,8 @@ pub(super) struct ObjectInput {
 }
 
 impl ObjectInput {
-    /// Returns the network's input for the `linear` answer to a squeeze by `grip`. `unit.thickness` is L.
+    /// Returns the network's input for the `linear` answer to a squeeze by `grip`. `unit.thickness`
+    /// is L.
     pub(super) fn new(
         graph: &ObjectGraph,
         unit: &PadMaterial,

@@ -2,8 +2,8 @@
 //!
 //! A graph network in three scales (MeshGraphNets, Pfaff et al. 2021; scales as in Fortunato et al.
 //! 2022) on the object's mesh. Its outputs are additions to the displacement of each node, to the
-//! contact force on each node of the surface near a finger, and to the stress of each tetrahedron that
-//! the corrected displacement implies. The forces sum to zero, as those on a free body do.
+//! contact force on each node of the surface near a finger, and to the stress of each tetrahedron
+//! that the corrected displacement implies. The forces sum to zero, as those on a free body do.
 //!
 //! Shapes: V nodes, T tetrahedra, H latent width, W width of a corner.
 

@@ -19,16 +19,16 @@ use super::{
 use crate::{
     Result,
     dataset::{SqueezeFrames, Squeezes},
-    deformation::{Deformation, Moduli, Press},
+    deformation::{Deformation, Press},
     geometry::Shape,
     objects::FamilySplit,
     sensor::Sensor,
     surrogate::{
         features::{Fields, Target},
-        loss::relative,
+        loss::{WEIGHTS, relative},
         material::PadMaterial,
         samples::in_units,
-        train::{Loss, Network},
+        train::{Loss, Network, mirror_signs},
         training_run::{self, Watch},
     },
 };
@@ -66,9 +66,6 @@ pub(super) struct Objects {
     pub(super) lost: usize,
 }
 
-/// Weight of displacement, stress, forces on nodes and the squeeze's force in the loss.
-const WEIGHTS: [f64; 4] = [1.0, 1.0, 0.3, 1.0];
-
 impl Objects {
     /// Reads the objects and frames of a dataset; `None` if `watch` stops it.
     pub(super) fn read(data: &Squeezes, watch: Watch) -> Result<Option<(Self, Vec<SoftSample>)>> {
@@ -90,7 +87,7 @@ impl Objects {
             let (mut samples, mut lost, mut models) = (Vec::new(), 0, BTreeMap::new());
             for frames in &grasps {
                 let gel = &gels[frames.gel];
-                let moduli = Moduli { young: gel.young, poisson: gel.poisson };
+                let moduli = gel.moduli();
                 if let Entry::Vacant(vacant) = models.entry(frames.gel) {
                     let fine = object.tets_within(data.config().truth_nodes)?;
                     vacant.insert(SoftBaseline::new(
@@ -168,11 +165,6 @@ pub(super) fn squeezing(forces: &[f32], shares: &[f32]) -> [f32; 3] {
     nodes.fold([0.0; 3], |sum, (force, share)| std::array::from_fn(|i| sum[i] + share * force[i]))
 }
 
-/// Signs of x, y and z in mirror 0 to 3: none, x, y, both.
-fn signs(mirror: usize) -> Vector3<f64> {
-    Vector3::from([mirror & 1, mirror >> 1 & 1, 0].map(|flip| 1.0 - 2.0 * flip as f64))
-}
-
 impl Network for Soft {
     type Config = SoftConfig;
     type Sample = SoftSample;
@@ -195,7 +187,7 @@ impl Network for Soft {
         let mut parts = [0.0; 4];
         for sample in samples {
             let graph = &objects.graphs[sample.object];
-            let answer = self.forward(&sample.input, graph, &signs(mirror))?;
+            let answer = self.forward(&sample.input, graph, &mirror_signs(mirror).into())?;
             let target = &sample.target;
             let errors = [
                 (&answer.displacement, &target.displacement[..]),
@@ -215,7 +207,7 @@ impl Network for Soft {
 
     fn answer(&self, objects: &Objects, sample: &SoftSample) -> Result<Fields> {
         let graph = &objects.graphs[sample.object];
-        let answer = self.forward(&sample.input, graph, &signs(0))?;
+        let answer = self.forward(&sample.input, graph, &mirror_signs(0).into())?;
         Ok(Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])?)
     }
 }
