@@ -21,7 +21,7 @@ pyo3::create_exception!(
      `kind` names the reason, one of those in its annotation; mostly it is \"not-converged\" (no\n\
      equilibrium, however small the load step), \"step-too-long\" (a shape passes through the\n\
      surface, however small the load step), \"penetrated\" (a shape was led deep into the body,\n\
-     past nodes that are held), \"inverted\" (a linear answer turned part of the body inside out),\n\
+     past nodes that are held), \"inverted\" (a linear solution turned part of the body inside out),\n\
      \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history\n\
      of another body). The text has the figures."
 );

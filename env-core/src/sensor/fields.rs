@@ -177,7 +177,7 @@ const FILE: [Section; 7] = [
     },
     Section {
         name: "friction",
-        about: "Coulomb friction of the skin.",
+        about: "Coulomb friction of the gel.",
         required: true,
         keys: &[
             key(

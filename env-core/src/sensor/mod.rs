@@ -42,7 +42,7 @@ pub struct Sensor {
     /// Materials fitted to the gel; the first is the default.
     #[serde(rename = "calibration")]
     pub calibrations: Vec<Calibration>,
-    /// Friction of the gel's skin.
+    /// Friction of the gel.
     pub friction: Friction,
     /// Printed markers, if any.
     pub markers: Option<Markers>,
@@ -101,7 +101,7 @@ pub struct ElasticFoundation {
     pub spread: f64,
 }
 
-/// Coulomb friction of a gel's skin.
+/// Coulomb friction of a gel.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {

@@ -242,7 +242,7 @@ impl PadModel {
         let mut last = None;
         for trial in 0..TRIES {
             let same = press.with_other_force(asked);
-            // The linear answer may not reach the force of a trial.
+            // The linear solution may not reach the force of a trial.
             let of_press = |error| match error {
                 Error::Unreachable { .. } if last.is_some() => {
                     Error::Unreachable { force, reached, travel }
@@ -274,7 +274,7 @@ impl PadModel {
         Err(Error::Unreachable { force, reached, travel })
     }
 
-    /// Corrects the linear answer with the network.
+    /// Corrects the linear solution with the network.
     fn correct(
         &self,
         press: &Press,

@@ -1,4 +1,4 @@
-//! The network of pads: the difference between finite elements and the linear answer.
+//! The network of pads: the difference between finite elements and the linear solution.
 //!
 //! A graph network on the pad's columns (MeshGraphNets, Pfaff et al. 2021, in three scales as in
 //! MultiScale MeshGraphNets, Fortunato et al. 2022). Its input is the answer of linear elasticity
@@ -140,7 +140,7 @@ impl Corrector {
         })
     }
 
-    /// Corrects the linear answers of `batch`, all on one `graph`.
+    /// Corrects the linear solutions of `batch`, all on one `graph`.
     pub(super) fn forward(&self, batch: &PadBatch, graph: &PadGraph) -> Result<CorrectorOutput> {
         let PadGraph { edges, levels, .. } = graph;
         let latent = self.scales.latent(&batch.features, edges, levels, batch.presses()?)?;
@@ -151,7 +151,7 @@ impl Corrector {
         Ok(CorrectorOutput { displacement, stress, forces, force })
     }
 
-    /// Corrects the linear answer of one press.
+    /// Corrects the linear solution of one press.
     pub(super) fn fields(&self, input: &PadInput, graph: &PadGraph) -> Result<Fields> {
         let answer = self.forward(&PadBatch::new(&[input])?, graph)?;
         Fields::of([&answer.displacement, &answer.stress, &answer.forces, &answer.force])

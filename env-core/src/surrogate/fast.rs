@@ -60,7 +60,7 @@ impl PadInference {
         })
     }
 
-    /// Corrects the linear answer in `input`; stress is left empty unless `with_stress`.
+    /// Corrects the linear solution in `input`; stress is left empty unless `with_stress`.
     pub(super) fn forward(&self, input: &PadInput, with_stress: bool) -> Fields {
         BUFFERS.with_borrow_mut(|buffers| self.forward_in(buffers, input, with_stress))
     }

@@ -42,12 +42,12 @@ const SLOPES: usize = CELLS + COLUMN_CELLS + PRESS_CELLS;
 /// Number of vectors of a column along which its displacement is corrected.
 pub(super) const DIRECTIONS: usize = 3;
 
-/// A press with its linear answer.
+/// A press with its linear solution.
 #[derive(Clone, Debug)]
 pub(super) struct PadInput {
     /// Features of the columns (C, [`FEATURES`]).
     pub(super) features: Vec<f32>,
-    /// Displacement of the linear answer (V, 3).
+    /// Displacement of the linear solution (V, 3).
     pub(super) displacement: Vec<f32>,
     /// Its von Mises stress (T).
     pub(super) stress: Vec<f32>,
@@ -103,7 +103,7 @@ impl Fields {
         Ok(Self { displacement, stress, forces, force: [force[0], force[1], force[2]] })
     }
 
-    /// The linear answer in `input`.
+    /// The linear solution in `input`.
     pub(super) fn linear(input: &PadInput) -> Self {
         let PadInput { displacement, stress, forces, .. } = input.clone();
         Self { displacement, stress, forces, force: input.force() }
@@ -115,7 +115,7 @@ impl Fields {
 const REACH: f64 = 0.125;
 
 impl PadInput {
-    /// Returns the network's input for `linear`, the linear answer to a press of `shapes`.
+    /// Returns the network's input for `linear`, the linear solution to a press of `shapes`.
     pub(super) fn new(
         graph: &PadGraph,
         gel: &PadMaterial,
@@ -207,7 +207,7 @@ impl PadInput {
         std::array::from_fn(|i| f64::from(self.features[CELLS + COLUMN_CELLS + i]))
     }
 
-    /// Net contact force of the linear answer.
+    /// Net contact force of the linear solution.
     pub(super) fn force(&self) -> [f32; 3] {
         self.forces
             .as_chunks::<3>()

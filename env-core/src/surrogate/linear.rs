@@ -1,4 +1,4 @@
-//! The linear answer that the network corrects, on the model mesh.
+//! The linear solution that the network corrects, on the model mesh.
 //!
 //! Contact is solved on a regular grid of cells whose size follows the contact ([`LayeredPad`]).
 //! Its forces, spread over the nodes of the model mesh's face, displace a fine mesh on which linear
@@ -50,7 +50,7 @@ struct Stress {
     shares: Sparse,
 }
 
-/// Stress of a linear answer.
+/// Stress of a linear solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum LinearStress {
     /// None.
@@ -79,7 +79,7 @@ pub(super) struct PadFields {
     pub(super) poses: Vec<Isometry3<f64>>,
 }
 
-/// A linear answer on the model mesh, with its contact on cells.
+/// A linear solution on the model mesh, with its contact on cells.
 #[derive(Clone, Debug)]
 pub(super) struct LinearFields {
     pub(super) fields: PadFields,

@@ -48,14 +48,14 @@ pub struct PressErrors {
     pub force: f64,
 }
 
-/// Errors of a network on a press, and of the linear answer that it corrects, if any.
+/// Errors of a network on a press, and of the linear solution that it corrects, if any.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
     /// Name of the grasp.
     pub grasp: String,
     /// Errors of the network; NaN for fields that it does not output.
     pub network: PressErrors,
-    /// Errors of the linear answer.
+    /// Errors of the linear solution.
     pub linear: Option<PressErrors>,
 }
 
@@ -182,7 +182,7 @@ fn mean_difference(found: &[f32], target: &[f32]) -> f64 {
     sum / target.len() as f64
 }
 
-/// Errors of the linear answers to `samples`.
+/// Errors of the linear solutions to `samples`.
 pub(super) fn judge_linear(gels: &Gels, samples: &[Sample]) -> Vec<PressErrors> {
     let one = |sample: &Sample| {
         errors(&Fields::linear(&sample.input), &sample.target, &gels.pads[sample.gel].gel)

@@ -3,8 +3,8 @@
 //! The logarithm of each relative error is modelled as linear in a few quantities of the answer, by
 //! quantile regression (Koenker and Bassett 1978) on presses that the network was not trained on:
 //! of a hundred presses like those, 95 are nearer to finite elements than predicted. The errors of
-//! the linear answer are predicted likewise; where those of the network are predicted to be larger,
-//! the correction is reduced, down to the linear answer.
+//! the linear solution are predicted likewise; where those of the network are predicted to be
+//! larger, the correction is reduced, down to the linear solution.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ const STEPS: usize = 4000;
 const RATE: f64 = 0.05;
 /// Least and greatest predicted error.
 const RANGE: [f64; 2] = [1e-3, 3.0];
-/// Ratio of the network's predicted error to the linear answer's from which nothing is corrected.
+/// Ratio of the network's predicted error to the linear solution's from which nothing is corrected.
 const TRUSTED: f64 = 1.5;
 
 /// Coefficients of the regressions.
@@ -33,7 +33,7 @@ pub struct ErrorModel {
     scales: [[f64; 2]; TERMS],
     /// Those of the network's errors.
     coefficients: Coefficients,
-    /// Those of the linear answer's errors; without them corrections are never reduced.
+    /// Those of the linear solution's errors; without them corrections are never reduced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     linear: Option<Coefficients>,
     /// Number of presses that it was fitted to.
@@ -53,7 +53,7 @@ pub(super) struct JudgedAnswer {
     pub(super) terms: Terms,
     /// Those of the network.
     pub(super) network: [f64; PARTS],
-    /// Those of the linear answer.
+    /// Those of the linear solution.
     pub(super) linear: [f64; PARTS],
 }
 
@@ -81,8 +81,8 @@ impl ErrorModel {
         Some(Self { scales, coefficients: network, linear: Some(linear), presses: answers.len() })
     }
 
-    /// Reduces the correction in `fields` of the linear answer in `input` where the linear answer's
-    /// error is predicted to be smaller; returns the errors predicted for the result.
+    /// Reduces the correction in `fields` of the linear solution in `input` where the linear
+    /// solution's error is predicted to be smaller; returns the errors predicted for the result.
     pub(super) fn blended(&self, input: &PadInput, fields: &mut Fields) -> PredictedError {
         let row = scaled(&terms(input, fields), &self.scales);
         let mut errors = predicted(&self.coefficients, &row);
@@ -97,14 +97,14 @@ impl ErrorModel {
     }
 }
 
-/// Weight of a correction, by the `ratio` of the network's predicted error to the linear answer's:
-/// 1 where it is not larger, 0 from [`TRUSTED`] on.
+/// Weight of a correction, by the `ratio` of the network's predicted error to the linear
+/// solution's: 1 where it is not larger, 0 from [`TRUSTED`] on.
 fn weight(ratio: f64) -> f64 {
     ((TRUSTED - ratio) / (TRUSTED - 1.0)).clamp(0.0, 1.0)
 }
 
-/// Multiplies the corrections of displacement, stress and force in `fields` of the linear answer in
-/// `input` by `weights`.
+/// Multiplies the corrections of displacement, stress and force in `fields` of the linear solution
+/// in `input` by `weights`.
 fn blend(input: &PadInput, weights: [f64; PARTS], fields: &mut Fields) {
     let mix = |part: usize, linear: &[f32], corrected: &mut [f32]| {
         let weight = weights[part] as f32;
@@ -197,7 +197,7 @@ mod tests {
         *,
     };
 
-    /// Answers whose errors depend on two quantities, those of the linear answer otherwise.
+    /// Answers whose errors depend on two quantities, those of the linear solution otherwise.
     fn answers(random: &mut ChaCha8Rng, count: usize) -> Vec<JudgedAnswer> {
         let mut one = || {
             let terms: Terms = std::array::from_fn(|_| random.random_range(-1.0..1.0));

@@ -103,8 +103,8 @@ fn error_model(network: &Corrector, gels: &Gels, samples: &[Sample]) -> Result<O
     Ok(ErrorModel::fit(&answers))
 }
 
-/// Errors of the answers of `network` to `samples`, blended with the linear answers by `model`, as
-/// [`super::Surrogate`] gives them.
+/// Errors of the answers of `network` to `samples`, blended with the linear solutions by `model`,
+/// as [`super::Surrogate`] gives them.
 fn judge_blended(
     network: &Corrector,
     model: Option<&ErrorModel>,

@@ -1,4 +1,4 @@
-//! Training samples from a dataset: each solved frame of each pad with its linear answer.
+//! Training samples from a dataset: each solved frame of each pad with its linear solution.
 
 use std::collections::HashSet;
 
@@ -20,7 +20,7 @@ use crate::{
     sensor::Sensor,
 };
 
-/// A solved frame with its linear answer.
+/// A solved frame with its linear solution.
 pub(super) struct Sample {
     /// Index of its graph.
     pub(super) graph: usize,
@@ -112,8 +112,8 @@ impl Gels {
         Ok((samples, lost))
     }
 
-    /// Computes the linear answers to the frames of a press, from first touch and by load steps, up
-    /// to the first that fails.
+    /// Computes the linear solutions to the frames of a press, from first touch and by load steps,
+    /// up to the first that fails.
     fn answers(&self, frames: &PadFrames, shape: &Shape) -> Result<Vec<LinearFields>> {
         let linear = &self.pads[frames.gel].linear;
         let froms = std::iter::once(&frames.start).chain(&frames.poses);

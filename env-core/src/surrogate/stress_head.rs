@@ -20,7 +20,7 @@ pub(super) struct StressHead {
 
 /// Stresses of one answer before they are corrected (T).
 pub(super) struct Stresses<'a> {
-    /// Stress of the linear answer.
+    /// Stress of the linear solution.
     pub(super) linear: &'a [f32],
     /// Stress that the displacement implies before and after its correction.
     pub(super) moved: [&'a [f32]; 2],

@@ -18,7 +18,7 @@ use crate::{Error, Result, dataset::write_whole};
 /// Progress of a training run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TrainingProgress {
-    /// Shards of the dataset have been read, and linear answers computed.
+    /// Shards of the dataset have been read, and linear solutions computed.
     Shard {
         /// Number of shards read so far.
         done: usize,

@@ -46,13 +46,13 @@ pub struct Card {
     pub data: Data,
     /// Bounds of most of the training data.
     pub usual: TrainingBounds,
-    /// Prediction of the errors of network and linear answer, fitted to the split's validation
+    /// Prediction of the errors of network and linear solution, fitted to the split's validation
     /// part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub predicted: Option<ErrorModel>,
     /// Errors on the split's test part, of answers as [`super::Surrogate`] gives them.
     pub test: Summary,
-    /// Errors of the linear answer on the same presses.
+    /// Errors of the linear solution on the same presses.
     pub linear: Summary,
 }
 

@@ -114,7 +114,7 @@ impl Channel {
             Self::TetStress => "von Mises stress in each tetrahedron (Pa)",
             Self::Traction => "contact force per area (Pa): shear in x and y, normal in z",
             Self::Wrench => "force (N) and torque about the apex (N m)",
-            Self::Slip => "share of the normal force carried by skin that slides",
+            Self::Slip => "share of the normal force carried where the pad slides",
             Self::Depth => "height of the face over the camera's view (m)",
             Self::Image => "red, green and blue that the sensor's camera sees (0 to 1)",
             Self::Trust => "unbalanced force (N), its share, 1 if deeper than gels are calibrated",
@@ -222,7 +222,7 @@ impl Channel {
                 spec("torque about the apex", vec![3], -MOST_FORCE, MOST_FORCE, "N m"),
             ],
             Self::Slip => {
-                vec![spec("share of the normal force where the skin slides", vec![1], 0.0, 1.0, "")]
+                vec![spec("share of the normal force where the pad slides", vec![1], 0.0, 1.0, "")]
             }
             Self::Depth => {
                 let shape = map(resolution.depth);

@@ -30,7 +30,7 @@ pub struct Judged {
     /// Relative error of the object's motion since touch, where the input is a force.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub object: Option<Spread>,
-    /// Mean time of a press (s by the clock of training), the linear answer not included.
+    /// Mean time of a press (s by the clock of training), the linear solution not included.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
 }

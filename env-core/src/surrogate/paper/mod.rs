@@ -10,8 +10,8 @@
 //!   motion. A bonded gel hardly moves as a whole, so that motion is small here.
 //!
 //! They are trained on the same frames as the corrector, by its trainer and nearly its loss,
-//! without linear answers as input. None of them has contact forces as output: [`PaperNetwork`] has
-//! displacement, stress and, of B, rigid motion. [`PaperRun`] trains one;
+//! without linear solutions as input. None of them has contact forces as output: [`PaperNetwork`]
+//! has displacement, stress and, of B, rigid motion. [`PaperRun`] trains one;
 //! [`PaperTrainingConfig`] compares them at equal budgets.
 
 mod answer;

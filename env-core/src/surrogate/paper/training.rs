@@ -36,7 +36,7 @@ use crate::{
 pub enum Run {
     /// One of the paper's networks, judged on object surfaces of both densities.
     Paper(PaperRun),
-    /// The corrector of linear answers, and the linear answers themselves.
+    /// The corrector of linear solutions, and the linear solutions themselves.
     Corrector(CorrectorConfig),
 }
 

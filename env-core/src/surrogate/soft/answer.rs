@@ -149,7 +149,7 @@ impl ObjectNetwork {
         done
     }
 
-    /// Corrects the linear answer with the network.
+    /// Corrects the linear solution with the network.
     fn correct(
         &self,
         press: &Press,

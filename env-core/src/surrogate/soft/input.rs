@@ -26,13 +26,13 @@ const GLOBALS: usize = 4;
 /// Distance from a finger's face, in units of L, at which contact is no longer corrected.
 const REACH: f64 = 0.12;
 
-/// A squeeze with its linear answer.
+/// A squeeze with its linear solution.
 pub(super) struct ObjectInput {
     /// Rotation from the object's frame to the grip's.
     pub(super) turn: Matrix3<f64>,
     /// Features of the nodes, vectors in the grip's frame (V, [`FEATURES`]).
     pub(super) features: Vec<f32>,
-    /// Displacement of the linear answer (V, 3), in the object's frame like all fields below.
+    /// Displacement of the linear solution (V, 3), in the object's frame like all fields below.
     pub(super) displacement: Vec<f32>,
     /// Its von Mises stress (T).
     pub(super) stress: Vec<f32>,

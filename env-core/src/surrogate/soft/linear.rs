@@ -1,4 +1,4 @@
-//! The linear answer that the network corrects: on a mesh as fine as that of the reference
+//! The linear solution that the network corrects: on a mesh as fine as that of the reference
 //! solutions, carried to the model mesh. The network then need not correct errors of a coarse
 //! surface, and so of the onset of contact.
 

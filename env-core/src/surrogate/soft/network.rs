@@ -1,4 +1,4 @@
-//! Network for the difference between finite elements and the linear answer of a squeezed object.
+//! Network for the difference between finite elements and the linear solution of a squeezed object.
 //!
 //! A graph network in three scales (MeshGraphNets, Pfaff et al. 2021; scales as in Fortunato et al.
 //! 2022) on the object's mesh. Its outputs are additions to the displacement of each node, to the
@@ -79,7 +79,7 @@ impl Soft {
         })
     }
 
-    /// Corrects the linear answer in `input`, seen in a mirror of the given `signs`.
+    /// Corrects the linear solution in `input`, seen in a mirror of the given `signs`.
     pub(super) fn forward(
         &self,
         input: &ObjectInput,

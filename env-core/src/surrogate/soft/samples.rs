@@ -1,4 +1,4 @@
-//! Frames of a dataset of squeezes with their linear answers.
+//! Frames of a dataset of squeezes with their linear solutions.
 
 use std::{
     collections::{BTreeMap, btree_map::Entry},
@@ -44,7 +44,7 @@ pub(super) struct SoftSample {
     /// Units: the object's material and size, and the friction.
     pub(super) unit: PadMaterial,
     pub(super) input: ObjectInput,
-    /// The linear answer's time (s).
+    /// The linear solution's time (s).
     pub(super) seconds: f64,
     pub(super) target: Target,
 }
@@ -132,7 +132,7 @@ fn part(split: FamilySplit, grasp: &str) -> Part {
     }
 }
 
-/// Linear answers to the frames of a grasp, up to the first that fails.
+/// Linear solutions to the frames of a grasp, up to the first that fails.
 fn answers(
     model: &SoftBaseline,
     frames: &SqueezeFrames,

@@ -55,15 +55,15 @@ impl Default for SoftTrainingConfig {
     }
 }
 
-/// Errors of the network and of the linear answer on the same frames.
+/// Errors of the network and of the linear solution on the same frames.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SoftErrors {
     /// Errors of the network; `force` is half the difference of the fingers' forces.
     pub network: Summary,
-    /// Errors of the linear answer.
+    /// Errors of the linear solution.
     pub linear: Summary,
-    /// Time of a linear answer that continues from the frame before (s).
+    /// Time of a linear solution that continues from the frame before (s).
     pub linear_seconds: Spread,
 }
 
