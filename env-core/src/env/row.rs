@@ -259,7 +259,7 @@ mod tests {
         let (setup, mut row) = (Setup::new(config).unwrap(), Row::new(1));
         row.reset(&setup).unwrap();
         row.slipped = DRAWS - 1;
-        let mut model = setup.tactile().clone();
+        let model = setup.tactile().clone();
         for (finger, press) in row.ask().into_iter().enumerate() {
             let press = press.expect("the hand holds the object");
             let found = model.solve_partially(&[row.object()], &[press], Wanted::default());
