@@ -9,7 +9,7 @@ use ruffini_core::{
     Error, Result,
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
     contact::is_engulfed,
-    deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody, Wanted},
+    deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, Shape, TetMesh},
     sensor::Sensor,
@@ -173,20 +173,6 @@ fn a_shape_that_begins_inside_the_body_is_refused_by_all_models() {
 fn mini(friction: f64) -> LinearPad {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     LinearPad::new(&sensor, GEL, friction, 1000, ContactResolution::FAST).unwrap()
-}
-
-#[test]
-fn a_whole_linear_answer_has_its_residual_force() {
-    let (pad, radius) = (mini(0.5), 4.0 * MM);
-    let pose = Isometry3::translation(0.0, 0.0, radius - 0.3 * MM);
-    let press = Press::along(vec![Shape::Sphere { radius }], vec![vec![pose]]).unwrap();
-    let last = pad.solve(std::slice::from_ref(&press)).remove(0).unwrap();
-    let frame = pad.solve_path(&press).remove(0).unwrap();
-    let (residual, force) = (last.residual, last.wrench.force.norm());
-    assert!(residual > 0.0 && residual < force, "{residual} N of {force} N");
-    assert_eq!(frame.residual, residual);
-    let moved = pad.solve_partially(&[press], Wanted::default()).remove(0).unwrap();
-    assert_eq!((moved.residual, moved.wrench), (0.0, last.wrench));
 }
 
 /// The faces of a coarse mesh lie under a curved face by more than the skin above this ball.

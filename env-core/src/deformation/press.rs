@@ -96,7 +96,7 @@ pub struct Deformation {
     pub history: History,
     /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
     pub iterations: usize,
-    /// Norm of the residual force (N).
+    /// Norm of the residual force (N); 0 where it is not asked for.
     pub residual: f64,
     /// Wall time (s).
     pub seconds: f64,

@@ -40,7 +40,7 @@ pub(crate) struct Deformation {
     /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
     #[pyo3(get)]
     iterations: usize,
-    /// Norm of the residual force (N).
+    /// Norm of the residual force (N); 0 with `LinearPad`, which leaves it out.
     #[pyo3(get)]
     pub(super) residual: f64,
     /// Wall time (s).
