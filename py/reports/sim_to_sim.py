@@ -3,8 +3,7 @@
 Agents learn with ``tactile="surrogate"``. If they had learnt to use its errors, or the errors
 misled them, they would do worse with finite elements. Every policy with soft tactile pads plays the
 same evaluation seeds with both models: an episode has the same object, friction and start, and only
-the model of the presses differs. As HoldStill depends on sliding, sliding is then compared with
-finer elements and with a closed form. --quick plays two seeds of one task.
+the model of the presses differs. --quick plays two seeds of one task.
 """
 
 from __future__ import annotations
@@ -20,17 +19,7 @@ import numpy as np
 from engine import Rows, run
 from paired import RESAMPLED, mcnemar, mean_with_interval, paired_interval
 from ruffini.evaluation import FIRST_SEED, wilson
-from sim_to_sim_cases import (
-    DRAGGED,
-    DRAWN,
-    MODELS,
-    MORE_NODES,
-    PRESSED,
-    UNSOLVED,
-    USED,
-    dragged,
-    episode,
-)
+from sim_to_sim_cases import DRAWN, MODELS, UNSOLVED, episode
 from sim_to_sim_figure import figure
 from sim_to_sim_page import page
 
@@ -52,9 +41,6 @@ PLAYED = (
 QUICK = ("GraspFragile", "agent")
 SEEDS, BLOCK = 50, 10
 """Seeds of a policy, and how many of it are played before the next policy's turn."""
-FINER = (10_001, 10_003, 10_014)
-"""Seeds of HoldStill that the agent plays on the finer mesh, too."""
-REFERENCE = "quadratic elements, refined towards the contact"
 COLUMNS = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
 COLUMNS += ("seconds", "grip")
 """Columns that are kept of each episode."""
@@ -82,41 +68,13 @@ def make(options: Namespace) -> dict[str, Any]:
                         for model in MODELS
                     }
                     run(rows, asked)
-    models = list(DRAGGED)[:2] if options.quick else list(DRAGGED)
-    asked: dict[str, tuple[Any, ...]] = {
-        f"dragged/{shape}/{model}": (dragged, shape, model) for shape in PRESSED for model in models
-    }
-    for seed in () if options.quick else FINER:
-        asked[f"finer/{seed}"] = (episode, "HoldStill", "agent", seed, "fem", MORE_NODES)
-    run(rows, {key: case for key, case in asked.items() if time.monotonic() < end})
     found = {f"{task} {policy}": pairs(rows, task, policy) for task, policy in played}
     return rows.header | {
         "note": options.note,
         "wanted": count,
         "policies": {name: compared(some) for name, some in found.items() if some},
-        "finer": {row["key"].split("/")[1]: kept(row) for row in rows if "finer/" in row["key"]},
-        "sliding": sliding(rows),
-        "rows": [kept(row) for row in rows if row["key"].split("/")[-1] in MODELS],
+        "rows": [{name: row[name] for name in COLUMNS} for row in rows],
     }
-
-
-def kept(row: dict[str, Any]) -> dict[str, Any]:
-    """Columns of an episode that are kept."""
-    return {name: row[name] for name in COLUMNS}
-
-
-def sliding(rows: Rows) -> dict[str, Any]:
-    """Share that slides by shape, model and friction used, and its error against the reference."""
-    found: dict[str, Any] = {}
-    for row in rows:
-        if "sliding" in row:
-            shares = np.interp(USED, row["used"], row["sliding"]).tolist()
-            found.setdefault(row["shape"], {})[row["model"]] = {"shares": shares}
-    for models in found.values():
-        for model in models.keys() - {REFERENCE} if REFERENCE in models else ():
-            off = np.subtract(models[model]["shares"], models[REFERENCE]["shares"])
-            models[model]["off"] = float(off[np.abs(off).argmax()])
-    return found
 
 
 def pairs(rows: Rows, task: str, policy: str) -> list[dict[str, dict[str, Any]]]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from engine import filled, made, table, text
+from engine import made, table, text
 from paired import RESAMPLED
-from sim_to_sim_cases import BALL, DRAGGED, FRICTION, MODELS, MORE_NODES, UNSOLVED, USED, half_space
+from sim_to_sim_cases import MODELS, UNSOLVED
 
 PAGE = """# Do agents do as well with finite elements?
 
@@ -63,17 +63,11 @@ from rest instead, without the friction of the steps before.
 Means over all steps, network → finite elements: terms of the reward, each from 0 to 1, and the grip
 that the hand is told to apply.
 
-## Which of the two is right about sliding
+## Which of the two is right
 
-HoldStill is decided by `slip`, the share of the contact that slides. Here a ball of {ball:.0f} mm
-radius, pressed 0.5 mm into the pad, and a flat block, pressed 0.15 mm, are dragged along the
-finger, with friction {friction}; columns are the fraction of the greatest friction that is used.
-
-{sliding_table}
-
-{reading}
-
-{finer_table}
+HoldStill is decided by `slip`, the share of the contact that slides, and by force. Both are
+compared with finely resolved contact, on the motion of such episodes, on [a page of their
+own](sliding.md).
 
 ## What this cannot tell
 
@@ -89,9 +83,6 @@ of the network that is the same in every grip is in the limit, too, and cancels.
 
 - In GraspLift the object's pose is observed and nearly any firm grip lifts it, so that agents
 with rigid pads do as well: there touch decides little.
-
-- Sliding was compared under a steady drag. Whether the network is as near to the reference where a
-load goes to and fro, as in HoldStill, was not asked.
 
 - Each agent is one training seed. Pads are springs in the rigid-body engine with both models.
 
@@ -122,72 +113,8 @@ def page(report: dict[str, Any]) -> str:
             absent="–",
         ),
         terms=table({"policy": "{name}", "terms": terms, "grip (N)": grip}, rows),
-        ball=1e3 * BALL,
-        friction=FRICTION,
-        sliding_table=slides(report["sliding"]),
-        reading=reading(report),
-        finer_table=finer(report),
         made=made(report),
     )
-
-
-READING = """Quadratic elements on a mesh refined towards the contact are the reference. The even
-mesh of an environment is too coarse for the rim of a contact, where sliding begins, and says that
-more slides than does; the network solves contact on finer cells and is nearer to the reference. A
-policy that feels more sliding grips harder, so part of the loss in HoldStill may be that of the
-mesh. It may also be that of the network, as nothing here excludes: the agent played {count} seeds
-on a finer mesh, too ({more} nodes asked for, the seeds quickest to solve), which takes away a
-third and more of that excess under the ball, and it gripped as hard. What the loss comes from is
-open:"""
-
-
-def reading(report: dict[str, Any]) -> str:
-    """Conclusion from sliding for HoldStill, before the table of a finer mesh."""
-    if not report["finer"]:
-        return ""
-    values = {"more": f"{MORE_NODES:,}", "count": len(report["finer"])}
-    return " ".join(filled(READING, values).split())
-
-
-def slides(found: dict[str, Any]) -> str:
-    """Sliding by shape, model and friction that is used, and of a half-space."""
-    lines = [
-        {"shape": shape, "model": model} | models[model]
-        for shape, models in found.items()
-        for model in DRAGGED
-        if model in models
-    ]
-    lines.append(
-        {"shape": "ball", "model": "half-space, closed form (Cattaneo, Mindlin)"}
-        | {"shares": [half_space(used) for used in USED]}
-    )
-    columns = {"shape": "{shape}", "model": "{model}"}
-    columns |= {f"{used:.0%}": f"{{shares[{place}]:.2f}}" for place, used in enumerate(USED)}
-    return table(columns | {"largest error": "{off:+.2f}"}, lines, absent="")
-
-
-def finer(report: dict[str, Any]) -> str:
-    """Grip and return of the agent of HoldStill with the network, and on both meshes."""
-    if not report["finer"]:
-        return ""
-    by_key = {row["key"]: row for row in report["rows"]}
-    lines = [
-        {"seed": seed, "fine": row}
-        | {model: by_key[f"HoldStill/agent/{seed}/{model}"] for model in MODELS}
-        for seed, row in report["finer"].items()
-        if f"HoldStill/agent/{seed}/fem" in by_key
-    ]
-    columns = {"seed": "{seed}", "object": "{fine[object]}"}
-    for of, digits in (("grip", 2), ("return", 1)):
-        columns |= {
-            f"{of}, {name}": f"{{{place}[{of}]:.{digits}f}}"
-            for name, place in (
-                ("network", "surrogate"),
-                ("finite elements", "fem"),
-                ("finer", "fine"),
-            )
-        }
-    return table(columns, lines)
 
 
 def interval(key: str, times: float = 1.0, digits: int = 1) -> Callable[[Any], str]:
@@ -250,7 +177,7 @@ def verdict(rows: list[dict[str, Any]]) -> str:
         f"return for {clear(rows, 'return')}. *By more than chance* is said where the 95 % "
         "interval leaves out zero, as by chance alone one in twenty does. A difference is not yet "
         "an error of the network: these finite elements have errors, too, in sliding "
-        "[larger ones](#which-of-the-two-is-right-about-sliding)."
+        "and in force [larger ones](sliding.md)."
     )
 
 

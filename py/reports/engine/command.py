@@ -22,6 +22,7 @@ REPORTS += [
     "sensors",
     "shapes",
     "sim_to_sim",
+    "sliding",
     "soak",
     "stability",
     "unseen",

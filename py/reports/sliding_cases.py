@@ -1,0 +1,171 @@
+"""Cases of `sliding`: shapes that are dragged, and the motion of a held object, solved again."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import ruffini
+from load_cases import faces_of, turned
+from ruffini import Fem, Press, Shape, agents
+from timing import timed
+
+ENV_NODES = 1000
+"""Default number of nodes of an environment's pad."""
+REFERENCE = "quadratic, refined"
+MODELS: dict[str, tuple[str, int, bool] | None] = {
+    "network": None,
+    "finite elements of an environment": ("p1-bar", ENV_NODES, False),
+    "the same, finer": ("p1-bar", 3000, False),
+    "quadratic, less refined": ("p2", ENV_NODES, True),
+    REFERENCE: ("p2", 1500, True),
+}
+"""Element, about how many nodes, and ``True`` for a mesh that is refined at the contact."""
+BALL, FRICTION = 0.018, 0.6
+"""Radius of a ball that is dragged (m), as of the sphere that is grasped, and friction."""
+PRESSED = {
+    "ball": (Shape.sphere(BALL), BALL, 5e-4),
+    "block": (Shape.cuboid((0.02, 0.02, 0.015)), 0.015, 1.5e-4),
+}
+"""Shapes that are dragged, height of the middle, depth (m)."""
+DRAG = [4e-5 * step for step in range(1, 13)]
+"""Distances that they are dragged along the finger (m)."""
+USED = (0.2, 0.4, 0.6)
+"""Fractions of the greatest friction at which sliding is reported."""
+HELD = {"sphere": 10_003, "cylinder": 10_001, "cuboid": 10_000, "prism": 10_004}
+"""First evaluation seed of HoldStill with each object."""
+STEPS = 25
+"""Control steps of an episode that are solved again: 1 s, half a period of the shaking to two."""
+SPACING, HALF = 5e-4, (0.0085, 0.0105)
+"""Spacing of the points that meshes are refined at, and half the face that has them (m)."""
+BESIDE = 1e-3
+"""Distance beside the contact to which meshes are refined (m)."""
+Pose = tuple[Any, Any]
+
+
+def dragged(shape: str, model: str) -> dict[str, Any]:
+    """Share of the normal force that slides under what is pressed, then dragged."""
+    presser, above, depth = PRESSED[shape]
+    upright = (0.0, 0.0, 0.0, 1.0)
+    down = [([0.0, 0.0, above - depth * part], upright) for part in (0.25, 0.5, 0.75, 1.0)]
+    path = down + [([0.0, y, above - depth], upright) for y in DRAG]
+    frames, spent = solved(model, FRICTION, presser, path)
+    frames = frames[len(down) - 1 :]
+    used = [math.hypot(*f.wrench[:2]) / (FRICTION * abs(f.wrench[2])) for f in frames]
+    return {
+        "shape": shape,
+        "model": model,
+        "seconds": spent,
+        "used": used,
+        "sliding": [frame.sliding for frame in frames],
+        "force": float(frames[-1].wrench[2]),
+    }
+
+
+def replayed(name: str, model: str) -> dict[str, Any]:
+    """Sliding and force (N) in steps of an episode with the network, solved again by a model.
+
+    The grip before the first step is replaced by a press straight down, followed by the motion
+    along the face that the hand had allowed until then.
+    """
+    held = episode(HELD[name])
+    path: list[Pose] = held["path"]
+    place, rotation = path[0]
+    straight = (np.array([0.0, 0.0, place[2]]), rotation)
+    frames, spent = solved(model, held["friction"], held["shape"], [straight, *path])
+    frames = frames[1:]
+    return {
+        "object": name,
+        "model": model,
+        "friction": held["friction"],
+        "seconds": spent,
+        "sliding": [frame.sliding for frame in frames],
+        "force": [[float(x) for x in frame.wrench[:3]] for frame in frames],
+        "felt": {"sliding": held["sliding"], "force": held["force"]},
+    }
+
+
+def episode(seed: int) -> dict[str, Any]:
+    """Motion of the object in the frame of the first pad, as the agent of HoldStill holds it.
+
+    Raises:
+        RuntimeError: If the seed draws another object than expected.
+    """
+    agent = agents.load("HoldStill")
+    settings = agent.settings | {"tactile": "surrogate"}
+    env = gymnasium.make("ruffini/HoldStill-v0", disable_env_checker=True, **settings)
+    observation, _ = env.reset(seed=seed)
+    look = env.unwrapped.look()
+    if HELD.get(look["object"]) != seed:
+        raise RuntimeError(f"seed {seed} draws a {look['object']}, not what HELD says")
+    vertices, *_ = env.unwrapped.surfaces()["object"]
+    found: dict[str, Any] = {"path": [], "sliding": [], "force": []}
+    state = None
+    for _ in range(STEPS):
+        look = env.unwrapped.look()
+        center, axes = faces_of(look, np.array(look["pad_wrenches"], float))[0]
+        place = axes.T @ (np.array(look["object_position"]) - center)
+        turn = Rotation.from_matrix(axes.T @ turned(look["object_quaternion"]))
+        found["path"].append((place, turn.as_quat()))
+        found["sliding"].append(float(observation["slip"][0]))
+        found["force"].append([float(x) for x in observation["wrench"][:3]])
+        batch = {name: values[None] for name, values in observation.items()}
+        action, state = agent.predict(batch, state)
+        observation, *_ = env.step(action[0])
+    env.close()
+    return found | {"shape": sized(look, vertices), "friction": look["friction"]}
+
+
+def sized(look: dict[str, Any], vertices: Any) -> Shape:
+    """Shape of the object."""
+    half = np.asarray(vertices).max(0)
+    radius = float(np.hypot(*vertices[:, :2].T).max())
+    match look["object"]:
+        case "sphere":
+            return Shape.sphere(float(half[0]))
+        case "cylinder":
+            return Shape.cylinder(radius, float(half[2]))
+        case "prism":
+            return Shape.prism(8, radius, float(half[2]))
+    return Shape.cuboid(tuple(half))
+
+
+def solved(
+    model: str, friction: float, shape: Shape, path: list[Pose]
+) -> tuple[list[ruffini.Deformation], float]:
+    """Solution of every frame, and the time that they took (s).
+
+    Raises:
+        RuntimeError: If a frame is not solved.
+    """
+    solver: Any = ruffini.Surrogate(friction=friction)
+    kind = MODELS[model]
+    if kind:
+        element, nodes, is_refined = kind
+        around = beneath(shape, path) if is_refined else None
+        pad = ruffini.sensor("gelsight-mini", resolution=nodes, around=around)
+        solver = Fem(pad, friction=friction, element=element)
+    frames, spent, _ = timed(partial(solver.solve_path, Press(shape, path)))
+    if isinstance(frames[-1], ruffini.PressError):
+        raise RuntimeError(f"{model}: {frames[-1]}")
+    return frames, spent
+
+
+def beneath(shape: Shape, path: list[Pose]) -> Any:
+    """Points of the face (K, 3) that the shape covers in some frame, and beside them (m)."""
+    across, along = (np.arange(-half, half + 1e-9, SPACING) for half in HALF)
+    face = np.stack([*np.meshgrid(across, along), np.zeros((len(along), len(across)))], axis=-1)
+    face = face.reshape(-1, 3)
+    is_near = np.zeros(len(face), bool)
+    for place, rotation in path:
+        own = (face - np.asarray(place)) @ turned(rotation)
+        distance, _ = shape.distance(own)
+        is_near |= distance < 0.0
+    covered = face[is_near]
+    apart = np.linalg.norm(face[:, None] - covered[None], axis=-1).min(1)
+    return face[apart <= BESIDE]
