@@ -19,7 +19,7 @@ import numpy as np
 from engine import Rows, run
 from paired import RESAMPLED, mcnemar, mean_with_interval, paired_interval
 from ruffini.evaluation import FIRST_SEED, wilson
-from sim_to_sim_cases import DRAWN, MODELS, UNSOLVED, episode
+from sim_to_sim_cases import DRAWN, MODELS, MORE_NODES, UNSOLVED, episode
 from sim_to_sim_figure import figure
 from sim_to_sim_page import page
 
@@ -41,6 +41,8 @@ PLAYED = (
 QUICK = ("GraspFragile", "agent")
 SEEDS, BLOCK = 50, 10
 """Seeds of a policy, and how many of it are played before the next policy's turn."""
+FINER = (10_001, 10_003, 10_014)
+"""Seeds of HoldStill that the agent plays on the finer mesh, too."""
 COLUMNS = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
 COLUMNS += ("seconds", "grip")
 """Columns that are kept of each episode."""
@@ -68,13 +70,25 @@ def make(options: Namespace) -> dict[str, Any]:
                         for model in MODELS
                     }
                     run(rows, asked)
+    asked = {
+        f"finer/{seed}": (episode, "HoldStill", "agent", seed, "fem", MORE_NODES)
+        for seed in (() if options.quick else FINER)
+        if time.monotonic() < end
+    }
+    run(rows, asked)
     found = {f"{task} {policy}": pairs(rows, task, policy) for task, policy in played}
     return rows.header | {
         "note": options.note,
         "wanted": count,
         "policies": {name: compared(some) for name, some in found.items() if some},
-        "rows": [{name: row[name] for name in COLUMNS} for row in rows],
+        "finer": {row["key"].split("/")[1]: kept(row) for row in rows if "finer/" in row["key"]},
+        "rows": [kept(row) for row in rows if row["key"].split("/")[-1] in MODELS],
     }
+
+
+def kept(row: dict[str, Any]) -> dict[str, Any]:
+    """Columns of an episode that are kept."""
+    return {name: row[name] for name in COLUMNS}
 
 
 def pairs(rows: Rows, task: str, policy: str) -> list[dict[str, dict[str, Any]]]:

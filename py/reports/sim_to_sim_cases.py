@@ -17,18 +17,20 @@ MODELS = ("surrogate", "fem")
 """Models of touch that are compared."""
 UNSOLVED = "press_failed"
 """Ending of an episode with a press that the model did not solve."""
+NODES, MORE_NODES = 1000, 3000
+"""Default number of nodes of an environment's pad, and that of a finer one."""
 DRAWN = ("object", "size", "mass", "friction")
 """Parameters that are drawn at the start of an episode, alike with both models."""
 
 
-def episode(task: str, policy: str, seed: int, model: str) -> dict[str, Any]:
-    """Success, return, ending and time of one episode."""
+def episode(task: str, policy: str, seed: int, model: str, nodes: int = NODES) -> dict[str, Any]:
+    """Success, return, ending and time of one episode, on a pad of so many nodes."""
     env_id, settings = f"ruffini/{task}-v0", {}
     player: Any = scripted(env_id)
     if policy == "agent":
         player = agents.load(task)
         settings = player.settings
-    settings = settings | {"tactile": model}
+    settings = settings | {"tactile": model, "resolution": {"nodes": nodes}}
     env = gymnasium.make(env_id, disable_env_checker=True, **settings)
     (observation, _), reset_seconds, _ = timed(partial(env.reset, seed=seed))
     row: dict[str, Any] = {"reset_seconds": reset_seconds}

@@ -7,7 +7,7 @@ from typing import Any
 
 from engine import made, table, text
 from paired import RESAMPLED
-from sim_to_sim_cases import MODELS, UNSOLVED
+from sim_to_sim_cases import MODELS, MORE_NODES, UNSOLVED
 
 PAGE = """# Do agents do as well with finite elements?
 
@@ -67,7 +67,13 @@ that the hand is told to apply.
 
 HoldStill is decided by `slip`, the share of the contact that slides, and by force. Both are
 compared with finely resolved contact, on the motion of such episodes, on [a page of their
-own](sliding.md).
+own](sliding.md). The even mesh of an environment is too stiff there, and says that more slides than
+does. A policy that feels more sliding grips harder, so part of the loss in HoldStill may be that of
+the mesh. It may also be that of the network, as nothing here excludes: the agent played some seeds,
+those quickest to solve, on a finer mesh, too ({more:,} nodes asked for), whose force is nearer, and
+whose sliding is for a sphere, and gripped as hard:
+
+{finer_table}
 
 ## What this cannot tell
 
@@ -113,8 +119,34 @@ def page(report: dict[str, Any]) -> str:
             absent="–",
         ),
         terms=table({"policy": "{name}", "terms": terms, "grip (N)": grip}, rows),
+        more=MORE_NODES,
+        finer_table=finer(report),
         made=made(report),
     )
+
+
+def finer(report: dict[str, Any]) -> str:
+    """Grip and return of the agent of HoldStill with the network, and on both meshes."""
+    if not report["finer"]:
+        return ""
+    by_key = {row["key"]: row for row in report["rows"]}
+    lines = [
+        {"seed": seed, "fine": row}
+        | {model: by_key[f"HoldStill/agent/{seed}/{model}"] for model in MODELS}
+        for seed, row in report["finer"].items()
+        if f"HoldStill/agent/{seed}/fem" in by_key
+    ]
+    columns = {"seed": "{seed}", "object": "{fine[object]}"}
+    for of, digits in (("grip", 2), ("return", 1)):
+        columns |= {
+            f"{of}, {name}": f"{{{place}[{of}]:.{digits}f}}"
+            for name, place in (
+                ("network", "surrogate"),
+                ("finite elements", "fem"),
+                ("finer", "fine"),
+            )
+        }
+    return table(columns, lines)
 
 
 def interval(key: str, times: float = 1.0, digits: int = 1) -> Callable[[Any], str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import gymnasium
@@ -90,6 +90,7 @@ def replayed(name: str, model: str) -> dict[str, Any]:
     }
 
 
+@cache
 def episode(seed: int) -> dict[str, Any]:
     """Motion of the object in the frame of the first pad, as the agent of HoldStill holds it.
 

@@ -305,6 +305,14 @@ def test_an_episode_of_the_comparison_is_that_of_the_evaluation():
     assert list(told["by_object"]) == [found["object"]]
 
 
+def test_the_network_solves_a_recorded_motion_as_it_was_felt():
+    found = module("sliding_cases").replayed("sphere", "network")
+    off = module("sliding").differences(found, found["felt"])
+    assert off["force"] < 0.01
+    assert off["apart"] < 0.03
+    assert max(found["sliding"]) > 0.2
+
+
 def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
     compared = module("sim_to_sim").compared
 
