@@ -17,7 +17,7 @@ MODELS = ("surrogate", "fem")
 """Models of touch that are compared."""
 UNSOLVED = "press_failed"
 """Ending of an episode with a press that the model did not solve."""
-NODES, MORE_NODES = 1000, 3000
+NODES, MORE_NODES = 1000, 2000
 """Default number of nodes of an environment's pad, and that of a finer one."""
 DRAWN = ("object", "size", "mass", "friction")
 """Parameters that are drawn at the start of an episode, alike with both models."""

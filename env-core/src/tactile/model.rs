@@ -6,12 +6,13 @@ use std::{path::Path, slice, sync::Arc};
 use nalgebra::Isometry3;
 use rayon::{ThreadPoolBuilder, prelude::*};
 
-use super::{Choice, Shell, Skin, SoftObject, TactileConfig, recent::Recent};
+use super::{
+    Choice, Shell, Skin, SoftObject, TactileConfig, elements::PadElements, recent::Recent,
+};
 use crate::{
     Error, Result,
     compliance::nodal::ContactResolution,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
-    fem::{Fem, FemOptions},
     geometry::{PadMesh, Shape},
     interrupt::Interrupt,
     sensor::Sensor,
@@ -36,7 +37,7 @@ pub enum Model {
     /// Linear elasticity.
     Linear(LinearPad),
     /// Finite elements.
-    Fem(Fem),
+    Fem(PadElements),
     /// Network that corrects the linear solution.
     Surrogate(Surrogate),
 }
@@ -176,17 +177,15 @@ impl Model {
     /// fingers.
     fn new(config: &TactileConfig, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
         let (pad, body) = config.pad(sensor)?;
-        let on = body.clone();
+        let (gel, nodes) = (config.material(sensor)?, config.resolution.nodes);
         let model = match config.choice {
             Choice::None => return Ok(None),
             Choice::Compliance => {
-                let (_, moduli) = config.material(sensor)?;
-                let (friction, nodes) = (sensor.friction.coefficient, config.resolution.nodes);
-                let fast = ContactResolution::FAST;
-                let model = alone(|| LinearPad::new(sensor, moduli, friction, nodes, fast))?;
+                let (friction, fast) = (sensor.friction.coefficient, ContactResolution::FAST);
+                let model = alone(|| LinearPad::new(sensor, gel.1, friction, nodes, fast))?;
                 Self::Linear(model.with_spread_stress())
             }
-            Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
+            Choice::Fem => Self::Fem(PadElements::new(sensor, gel, &pad, nodes)?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
         };
         Ok(Some((model, pad, body)))
