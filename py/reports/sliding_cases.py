@@ -15,17 +15,22 @@ from load_cases import faces_of, turned
 from ruffini import Fem, Press, Shape, agents
 from timing import timed
 
-ENV_NODES = 1000
-"""Default number of nodes of an environment's pad."""
-REFERENCE = "quadratic, refined"
-MODELS: dict[str, tuple[str, int, bool] | None] = {
+SPACING, HALF = 5e-4, (0.0085, 0.0105)
+"""Spacing of the points that meshes are refined at, and half the face that has them (m)."""
+BESIDE = 1e-3
+"""Distance beside the contact to which meshes are refined (m)."""
+MIDDLE = 2 / 3
+"""Part of the face that an environment's mesh is refined at, across and along."""
+ENVIRONMENT = "finite elements of an environment"
+REFERENCE = "quadratic, refined under the contact"
+MODELS: dict[str, tuple[str, int, str | None] | None] = {
     "network": None,
-    "finite elements of an environment": ("p1-bar", ENV_NODES, False),
-    "the same, finer": ("p1-bar", 3000, False),
-    "quadratic, less refined": ("p2", ENV_NODES, True),
-    REFERENCE: ("p2", 1500, True),
+    "linear elements, even mesh": ("p1-bar", 1000, None),
+    ENVIRONMENT: ("p2", 600, "middle"),
+    "quadratic, refined, fewer nodes": ("p2", 1000, "contact"),
+    REFERENCE: ("p2", 1500, "contact"),
 }
-"""Element, about how many nodes, and ``True`` for a mesh that is refined at the contact."""
+"""Element, about how many nodes, and where the mesh is refined."""
 BALL, FRICTION = 0.018, 0.6
 """Radius of a ball that is dragged (m), as of the sphere that is grasped, and friction."""
 PRESSED = {
@@ -34,36 +39,34 @@ PRESSED = {
 }
 """Shapes that are dragged, height of the middle, depth (m)."""
 DRAG = [4e-5 * step for step in range(1, 13)]
-"""Distances that they are dragged along the finger (m)."""
+"""Distances that they are dragged along the finger, and back (m)."""
 USED = (0.2, 0.4, 0.6)
 """Fractions of the greatest friction at which sliding is reported."""
+FALLEN = (0.2, 0.4, 0.6, 0.8)
+"""Fractions of it by which the tangential force has fallen since it was greatest, likewise."""
 HELD = {"sphere": 10_003, "cylinder": 10_001, "cuboid": 10_000, "prism": 10_004}
 """First evaluation seed of HoldStill with each object."""
 STEPS = 25
 """Control steps of an episode that are solved again: 1 s, half a period of the shaking to two."""
-SPACING, HALF = 5e-4, (0.0085, 0.0105)
-"""Spacing of the points that meshes are refined at, and half the face that has them (m)."""
-BESIDE = 1e-3
-"""Distance beside the contact to which meshes are refined (m)."""
 Pose = tuple[Any, Any]
 
 
 def dragged(shape: str, model: str) -> dict[str, Any]:
-    """Share of the normal force that slides under what is pressed, then dragged."""
+    """Share of the normal force that slides under what is pressed, dragged, and dragged back."""
     presser, above, depth = PRESSED[shape]
     upright = (0.0, 0.0, 0.0, 1.0)
     down = [([0.0, 0.0, above - depth * part], upright) for part in (0.25, 0.5, 0.75, 1.0)]
-    path = down + [([0.0, y, above - depth], upright) for y in DRAG]
+    path = down + [([0.0, y, above - depth], upright) for y in [*DRAG, *DRAG[-2::-1], 0.0]]
     frames, spent = solved(model, FRICTION, presser, path)
     frames = frames[len(down) - 1 :]
-    used = [math.hypot(*f.wrench[:2]) / (FRICTION * abs(f.wrench[2])) for f in frames]
+    used = [frame.wrench[1] / (FRICTION * abs(frame.wrench[2])) for frame in frames]
     return {
         "shape": shape,
         "model": model,
         "seconds": spent,
         "used": used,
         "sliding": [frame.sliding for frame in frames],
-        "force": float(frames[-1].wrench[2]),
+        "force": float(frames[len(DRAG)].wrench[2]),
     }
 
 
@@ -147,14 +150,24 @@ def solved(
     solver: Any = ruffini.Surrogate(friction=friction)
     kind = MODELS[model]
     if kind:
-        element, nodes, is_refined = kind
-        around = beneath(shape, path) if is_refined else None
+        element, nodes, refined = kind
+        around = middle() if refined == "middle" else None
+        around = beneath(shape, path) if refined == "contact" else around
         pad = ruffini.sensor("gelsight-mini", resolution=nodes, around=around)
         solver = Fem(pad, friction=friction, element=element)
     frames, spent, _ = timed(partial(solver.solve_path, Press(shape, path)))
     if isinstance(frames[-1], ruffini.PressError):
         raise RuntimeError(f"{model}: {frames[-1]}")
     return frames, spent
+
+
+def middle() -> Any:
+    """Points of the face (K, 3) that an environment's mesh is refined at (m)."""
+    nodes = np.asarray(ruffini.sensor("gelsight-mini", resolution=100).mesh.vertices)
+    half = 0.5 * MIDDLE * np.ptp(nodes[:, :2], axis=0)
+    across, along = (np.linspace(-h, h, math.ceil(2 * h / 1e-3) + 1) for h in half)
+    face = np.stack([*np.meshgrid(across, along), np.zeros((len(along), len(across)))], axis=-1)
+    return face.reshape(-1, 3)
 
 
 def beneath(shape: Shape, path: list[Pose]) -> Any:
