@@ -34,7 +34,7 @@ DEFECTS = OUT / "buried_defects.toml"
 
 def options(parser: ArgumentParser) -> None:
     """Adds options: presses, time."""
-    parser.add_argument("--presses", type=int, help="how many; 10 000, or 24 in the quick form")
+    parser.add_argument("--presses", type=int, help="how many; 10 000, or 12 in the quick form")
     parser.add_argument("--hours", type=float, help="when to stop; 0.1 in the quick form")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
     parser.add_argument("--show", type=int, help="one press, printed")
@@ -47,7 +47,7 @@ def make(options: Namespace) -> dict:
         print(json.dumps(shown | {"found": judged(shown)}, indent=1))
         raise SystemExit
     rows = Rows.of("buried", options, MADE_OF, {"seed": SEED, "limit": LIMIT})
-    count = options.presses or (24 if options.quick else 10_000)
+    count = options.presses or (12 if options.quick else 10_000)
     missing = ({"number": n} | case(n) for n in range(count) if n not in rows)
     until = time.monotonic() + 3600 * (options.hours or (0.1 if options.quick else 1e3))
     ask(rows, missing, options.jobs, until, rows.header["commit"])

@@ -25,7 +25,7 @@ ONE_THREAD = True
 PARTS = ("geometry", "deformation", "contact", "fem", "compliance", "surrogate")
 MADE_OF = [f"env-core/src/{part}" for part in PARTS]
 MADE_OF += ["env-core/assets", "py/reports/pareto_cases.py"]
-FINEST = {"full": 5000, "quick": 2500}
+FINEST = {"full": 5000, "quick": 1500}
 """Nodes of the mesh of the truth, p1-bar."""
 CHOICE = ROOT / "py/python/ruffini/answerers.json"
 ERRORS = {"displacement": "u", "stress": "σ", "force": "force", "peak": "peak"}

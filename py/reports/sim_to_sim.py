@@ -19,15 +19,17 @@ import numpy as np
 from engine import Rows, run
 from paired import RESAMPLED, mcnemar, mean_with_interval, paired_interval
 from ruffini.evaluation import FIRST_SEED, wilson
-from sim_to_sim_cases import DRAWN, MODELS, MORE_NODES, UNSOLVED, episode
+from sim_to_sim_cases import DRAWN, MODELS, UNSOLVED, episode
 from sim_to_sim_figure import figure
-from sim_to_sim_page import page
+from sim_to_sim_page import page, summary
 
 __all__ = ["figure", "make", "options", "page"]
 
 ONE_THREAD = True
 MADE_OF = ["env-core", "py/src"]
-MADE_OF += [f"py/reports/{name}.py" for name in ("sim_to_sim", "sim_to_sim_cases", "paired")]
+MADE_OF += [
+    f"py/reports/{name}.py" for name in ("sim_to_sim", "sim_to_sim_cases", "network_slip", "paired")
+]
 MADE_OF += ["py/python/ruffini/agents", "py/python/ruffini/policies"]
 PLAYED = (
     ("HoldStill", "agent"),
@@ -41,8 +43,8 @@ PLAYED = (
 QUICK = ("GraspFragile", "agent")
 SEEDS, BLOCK = 50, 10
 """Seeds of a policy, and how many of it are played before the next policy's turn."""
-FINER = (10_001, 10_003, 10_014)
-"""Seeds of HoldStill that the agent plays on the finer mesh, too."""
+SHOWN = 10
+"""Seeds of HoldStill that the agent plays with the network's slip, too."""
 COLUMNS = ("key", "object", "success", "return", "ending", "press_error", "restarts", "steps")
 COLUMNS += ("seconds", "grip")
 """Columns that are kept of each episode."""
@@ -71,19 +73,28 @@ def make(options: Namespace) -> dict[str, Any]:
                     }
                     run(rows, asked)
     asked = {
-        f"finer/{seed}": (episode, "HoldStill", "agent", seed, "fem", MORE_NODES)
-        for seed in (() if options.quick else FINER)
+        f"slip/{seed}/{model}": (episode, "HoldStill", "agent", seed, model, True)
+        for seed in range(FIRST_SEED, FIRST_SEED + (0 if options.quick else min(SHOWN, count)))
+        for model in MODELS
         if time.monotonic() < end
     }
     run(rows, asked)
     found = {f"{task} {policy}": pairs(rows, task, policy) for task, policy in played}
-    return rows.header | {
+    report = rows.header | {
         "note": options.note,
         "wanted": count,
         "policies": {name: compared(some) for name, some in found.items() if some},
-        "finer": {row["key"].split("/")[1]: kept(row) for row in rows if "finer/" in row["key"]},
-        "rows": [kept(row) for row in rows if row["key"].split("/")[-1] in MODELS],
+        "slip": {
+            row["key"]: kept(row) | {"missed": row["missed"]} for row in rows if is_shown(row)
+        },
+        "rows": [kept(row) for row in rows if not is_shown(row)],
     }
+    return report | {"shown": summary(report)}
+
+
+def is_shown(row: dict[str, Any]) -> bool:
+    """Returns whether the network's slip was shown in an episode."""
+    return row["key"].startswith("slip/")
 
 
 def kept(row: dict[str, Any]) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from sliding_cases import (
     FALLEN,
     FRICTION,
     HELD,
+    MIDDLING,
     MODELS,
     PRESSED,
     REFERENCE,
@@ -32,7 +33,7 @@ from sliding_cases import (
 ONE_THREAD = True
 MADE_OF = ["env-core", "py/src", "py/reports/sliding_cases.py", "py/reports/load_cases.py"]
 MADE_OF += ["py/python/ruffini/agents/HoldStill-v0.safetensors"]
-QUICK = ["network", "linear elements, even mesh"]
+QUICK = ["network", ENVIRONMENT]
 FIRST = 1
 """First step of an episode that is judged; the one before is the grip, which is simplified."""
 
@@ -228,8 +229,8 @@ def figure(report: dict[str, Any]):
     """Sliding in each step of the episodes, by model."""
     styles = {
         "network": (COLOURS["surrogate"], "-"),
-        "linear elements, even mesh": (COLOURS["paper"], "--"),
-        ENVIRONMENT: (COLOURS["fem"], "-"),
+        ENVIRONMENT: (COLOURS["paper"], "-"),
+        MIDDLING: (COLOURS["fem"], "-"),
         "quadratic, refined, fewer nodes": ("black", "--"),
         REFERENCE: ("black", "-"),
     }

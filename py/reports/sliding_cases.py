@@ -20,13 +20,14 @@ SPACING, HALF = 5e-4, (0.0085, 0.0105)
 BESIDE = 1e-3
 """Distance beside the contact to which meshes are refined (m)."""
 MIDDLE = 2 / 3
-"""Part of the face that an environment's mesh is refined at, across and along."""
+"""Part of the face that a mesh is refined at, across and along, where it is not at the contact."""
 ENVIRONMENT = "finite elements of an environment"
+MIDDLING = "quadratic, refined in the middle"
 REFERENCE = "quadratic, refined under the contact"
 MODELS: dict[str, tuple[str, int, str | None] | None] = {
     "network": None,
-    "linear elements, even mesh": ("p1-bar", 1000, None),
-    ENVIRONMENT: ("p2", 600, "middle"),
+    ENVIRONMENT: ("p1-bar", 1000, None),
+    MIDDLING: ("p2", 600, "middle"),
     "quadratic, refined, fewer nodes": ("p2", 1000, "contact"),
     REFERENCE: ("p2", 1500, "contact"),
 }
@@ -162,7 +163,7 @@ def solved(
 
 
 def middle() -> Any:
-    """Points of the face (K, 3) that an environment's mesh is refined at (m)."""
+    """Points in the middle of the face (K, 3), at which a mesh is refined (m)."""
     nodes = np.asarray(ruffini.sensor("gelsight-mini", resolution=100).mesh.vertices)
     half = 0.5 * MIDDLE * np.ptp(nodes[:, :2], axis=0)
     across, along = (np.linspace(-h, h, math.ceil(2 * h / 1e-3) + 1) for h in half)

@@ -45,7 +45,7 @@ PARTS: dict[str, tuple[str, int, dict[str, Any]]] = {
 
 def make(options: Namespace) -> dict[str, Any]:
     """One part after the other, in this process."""
-    share, count = (0.01, COUNT // 4) if options.quick else (1.0, COUNT)
+    share, count = (0.005, COUNT // 8) if options.quick else (1.0, COUNT)
     sizes = {"environments": count, "steps": int(share * sum(p[1] for p in PARTS.values()))}
     rows = Rows.of("soak", options, MADE_OF, sizes)
     steps = {name: max(int(share * part[1]), 4 * count) for name, part in PARTS.items()}

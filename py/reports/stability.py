@@ -50,7 +50,7 @@ NAMES = ("mesh", "law", "element", "shape", "kind", "corrections")
 
 def options(parser: ArgumentParser) -> None:
     """Adds options: presses, build, time."""
-    parser.add_argument("--presses", type=int, help="how many; 100 000, or 32 in the quick form")
+    parser.add_argument("--presses", type=int, help="how many; 100 000, or 16 in the quick form")
     parser.add_argument("--seed", type=int, default=SEED, help=f"{SEED} if not given")
     parser.add_argument("--hours", type=float, help="when to stop; 0.1 in the quick form")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
@@ -75,7 +75,7 @@ def make(options: Namespace) -> dict:
     if unknown := [one for one in options.again if not any(named(row, [one]) for row in rows)]:
         raise SystemExit(f"--again: no row is {' or '.join(unknown)}")
     old = {row["key"] for row in rows if row["by"] != now and named(row, options.again)}
-    count = options.presses or (32 if options.quick else 100_000)
+    count = options.presses or (16 if options.quick else 100_000)
     numbers = [n for n in range(count) if n in old or n not in rows]
     hours = options.hours or (0.1 if options.quick else 1e3)
     drawn = ({"number": number} | case(options.seed, number) for number in numbers)

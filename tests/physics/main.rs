@@ -6,7 +6,6 @@ mod bodies;
 mod closed_forms;
 mod compliance;
 mod correction;
-mod elements;
 mod extremes;
 mod feel;
 mod fem;

@@ -313,6 +313,15 @@ def test_the_network_solves_a_recorded_motion_as_it_was_felt():
     assert max(found["sliding"]) > 0.2
 
 
+def test_slip_that_is_computed_along_an_episode_is_that_of_the_episode():
+    episode = module("sim_to_sim_cases").episode
+    own, again = (episode("HoldStill", "agent", 10_003, "surrogate", so) for so in (False, True))
+    assert again["missed"] == 0
+    assert again["success"]
+    assert again["return"] == pytest.approx(own["return"], abs=0.5)
+    assert again["return"] != own["return"]
+
+
 def test_a_press_that_is_not_solved_is_a_failure_that_is_shown():
     compared = module("sim_to_sim").compared
 

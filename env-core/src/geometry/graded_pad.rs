@@ -74,7 +74,9 @@ impl PadOutline {
         if let Some(point) = points.iter().find(|p| !p.iter().all(|x| x.is_finite())) {
             return Err(Error::invalid("around", point, "finite places"));
         }
-        let (coarse, widest) = outline.coarsest()?;
+        let block = PadOutline::flat(outline.length, outline.width, outline.thickness);
+        let widest = WIDEST.0.min(WIDEST.1 * outline.thickness);
+        let coarse = PadMesh::new(&block, &Grading::uniform(widest))?;
         let [nx, ny, nz] = coarse.cells.map(|n| n as usize + 1);
         let least = coarse.mesh.vertices.len();
         if !(least..=*NODES.end()).contains(&nodes) {
@@ -103,18 +105,6 @@ impl PadOutline {
         let base = (0..).zip(&pad.vertices).filter(|(_, p)| base(p)).map(|(i, _)| i).collect();
         let vertices = pad.vertices.iter().map(|p| outline.crowned(p)).collect();
         Ok(GradedPad { mesh: TetMesh::new("pad", vertices, pad.corners().collect())?, base })
-    }
-
-    /// Number of nodes of the coarsest mesh, which is fine nowhere.
-    pub fn fewest_graded(&self) -> Result<usize> {
-        Ok(self.validated()?.coarsest()?.0.mesh.vertices.len())
-    }
-
-    /// Mesh of the block of equal size with a flat face, and its spacing (m).
-    fn coarsest(&self) -> Result<(PadMesh, f64)> {
-        let block = Self::flat(self.length, self.width, self.thickness);
-        let widest = WIDEST.0.min(WIDEST.1 * self.thickness);
-        Ok((PadMesh::new(&block, &Grading::uniform(widest))?, widest))
     }
 
     /// Maps a point of the block of equal size with a flat face to the pad.

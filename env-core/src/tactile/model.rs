@@ -6,13 +6,12 @@ use std::{path::Path, slice, sync::Arc};
 use nalgebra::Isometry3;
 use rayon::{ThreadPoolBuilder, prelude::*};
 
-use super::{
-    Choice, Shell, Skin, SoftObject, TactileConfig, elements::PadElements, recent::Recent,
-};
+use super::{Choice, Shell, Skin, SoftObject, TactileConfig, recent::Recent};
 use crate::{
     Error, Result,
     compliance::nodal::ContactResolution,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
+    fem::{Fem, FemOptions},
     geometry::{PadMesh, Shape},
     interrupt::Interrupt,
     sensor::Sensor,
@@ -37,7 +36,7 @@ pub enum Model {
     /// Linear elasticity.
     Linear(LinearPad),
     /// Finite elements.
-    Fem(PadElements),
+    Fem(Fem),
     /// Network that corrects the linear solution.
     Surrogate(Surrogate),
 }
@@ -177,15 +176,17 @@ impl Model {
     /// fingers.
     fn new(config: &TactileConfig, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
         let (pad, body) = config.pad(sensor)?;
-        let (gel, nodes) = (config.material(sensor)?, config.resolution.nodes);
+        let on = body.clone();
         let model = match config.choice {
             Choice::None => return Ok(None),
             Choice::Compliance => {
-                let (friction, fast) = (sensor.friction.coefficient, ContactResolution::FAST);
-                let model = alone(|| LinearPad::new(sensor, gel.1, friction, nodes, fast))?;
+                let (_, moduli) = config.material(sensor)?;
+                let (friction, nodes) = (sensor.friction.coefficient, config.resolution.nodes);
+                let fast = ContactResolution::FAST;
+                let model = alone(|| LinearPad::new(sensor, moduli, friction, nodes, fast))?;
                 Self::Linear(model.with_spread_stress())
             }
-            Choice::Fem => Self::Fem(PadElements::new(sensor, gel, &pad, nodes)?),
+            Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
         };
         Ok(Some((model, pad, body)))
