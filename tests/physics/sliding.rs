@@ -5,8 +5,6 @@
 //! sticks at first, and the change of Q slides back as half of it did forward, for what slid has to
 //! be undone (Mindlin and Deresiewicz 1953). A pad is no half-space, so this holds roughly.
 
-use std::sync::LazyLock;
-
 use nalgebra::Isometry3;
 use ruffini_core::{
     compliance::nodal::ContactResolution,
@@ -42,25 +40,11 @@ fn dragged(distances: impl Iterator<Item = i32>) -> Vec<(f64, f64)> {
         let force = felt.wrench.force;
         (force.x / (FRICTION * -force.z), felt.sliding)
     };
-    let frames = PAD.solve_path(&press).into_iter().skip(DOWN.len() - 1);
-    frames.map(|felt| read(felt.unwrap())).collect()
-}
-
-static PAD: LazyLock<LinearPad> = LazyLock::new(|| {
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
-    LinearPad::new(&sensor, moduli, FRICTION, 1000, ContactResolution::FAST).unwrap()
-});
-
-#[test]
-fn the_share_that_slides_grows_as_the_contact_gives_way() {
-    let frames = dragged(1..=30);
-    for (used, share) in &frames {
-        let expected = mindlin(*used);
-        assert!((share - expected).abs() < 0.12, "{share} at {used}, on a half-space {expected}");
-    }
-    let (first, last) = (frames[0].1, frames.last().unwrap().1);
-    assert!(first < 0.1 && last > 0.9, "{first} without shear, {last} dragged along");
+    let pad = LinearPad::new(&sensor, moduli, FRICTION, 1000, ContactResolution::FAST).unwrap();
+    let frames = pad.solve_path(&press).into_iter().skip(DOWN.len() - 1);
+    frames.map(|felt| read(felt.unwrap())).collect()
 }
 
 #[test]

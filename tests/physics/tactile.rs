@@ -378,6 +378,36 @@ fn the_stress_map_averages_the_tetrahedra() {
     }
 }
 
+/// A contact begins to slide at its rim. On a half-space, a sphere with the fraction q of the
+/// largest friction force slides over the fraction (1 - (1 - q)^(2/3))^(3/2) of its normal force
+/// (Cattaneo, Mindlin). Contact on cells says so where it is shallow.
+#[test]
+fn the_share_that_slides_grows_as_the_contact_gives_way() {
+    let tip = tip("gelsight-mini", Resolution { nodes: 3000, ..Resolution::default() });
+    let moduli = Moduli { young: 3e5, poisson: 0.47 };
+    let cells =
+        LinearPad::new(&tip.sensor, moduli, FRICTION, 1000, ContactResolution::FAST).unwrap();
+    let down = [-0.1, 0.08, 0.14, 0.2].map(|depth| (0.0, depth));
+    let path = down.into_iter().chain((1..=30).map(|i| (0.01 * f64::from(i), 0.2)));
+    let frames = path.map(|(x, depth)| vec![ball_at(x * MM, 0.0, depth * MM)]).collect();
+    let press = Press::along(vec![ball()], frames).unwrap().with_friction(FRICTION).unwrap();
+    let share = |felt: &Deformation| Channel::Slip.read(&tip.skin, Some(felt), &[])[0];
+    let mut shares = Vec::new();
+    for felt in cells.solve_path(&press).into_iter().skip(3) {
+        let felt = felt.unwrap();
+        let (force, share) = (felt.wrench.force, share(&felt));
+        let used = force.xy().norm() / (FRICTION * -force.z);
+        let mindlin = (1.0 - (1.0 - used.min(1.0)).powf(2.0 / 3.0)).powf(1.5);
+        let off = (share - mindlin).abs();
+        assert!(off < 0.12, "{share} at {used}, on a half-space {mindlin}");
+        shares.push(share);
+    }
+    let (first, last) = (shares[0], *shares.last().unwrap());
+    assert!(first < 0.1 && last > 0.9, "{first} without shear, {last} dragged along");
+    let felt = linear(&tip.body).solve_path(&press).pop().unwrap().unwrap();
+    assert!(share(&felt) > 0.9, "contact at points, dragged along: {}", share(&felt));
+}
+
 /// Where the face is inclined, a ball that is pressed straight down with friction is pushed aside.
 #[test]
 fn beside_the_sides_a_force_leans_as_by_finite_elements() {
