@@ -137,7 +137,7 @@ def environment(task: str) -> str:
 
 {summary}
 
-![An episode of {task}](../{film})
+![Episodes of {task}](../{film})
 
 ```python
 import gymnasium, ruffini

@@ -1,14 +1,13 @@
 """Pictures: a lemon between two gel pads, a soft strawberry between two plates, environments.
 
     python py/reports/scenes.py bodies --out tests/reports   # grasp.png, soft.png, touch.png
-    python py/reports/scenes.py tasks --out py/docs          # a picture of each task, and
-                                                             # cameras.png, one from all cameras
+    python py/reports/scenes.py tasks --out py/docs          # a picture and a film of each task,
+                                                             # cameras.png, view.png: films.py
 
-Those of environments are what `render` gives: HoldStill with touch, a loaded ball in the hand;
-every task when its scripted policy has first succeeded.
-The pads are those of a GelSight Mini, which close on a lemon of the catalogue, which is free and
-finds its own pose. The strawberry (E = 50 kPa, nu = 0.45, friction 0.5) is meshed and nothing of it
-is fixed. Both are coloured by von Mises stress.
+touch.png is what `render` gives of HoldStill, a loaded ball in the hand. The pads are those of a
+GelSight Mini, which close on a lemon of the catalogue, which is free and finds its own pose. The
+strawberry (E = 50 kPa, nu = 0.45, friction 0.5) is meshed and nothing of it is fixed. Both are
+coloured by von Mises stress.
 """
 
 from __future__ import annotations
@@ -27,20 +26,14 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
+import films
 import ruffini
 from meshes import at_nodes, surface
-from ruffini import TASKS, Fem, Grasp, Press, PressError, Shape, SoftBody
-from ruffini._core import CAMERAS
+from ruffini import Fem, Grasp, Press, PressError, Shape, SoftBody
 from ruffini._frames import turned
-from ruffini.policies import scripted
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
-
-SEED, AFTER = 3, 25
-"""Of the episodes that are shown, and the steps after which a success counts there."""
-PICTURED = {"ruffini/GraspLift-v0": "cylinder", "ruffini/GraspSoft-v0": "lemon"}
-"""Objects that are shown; any if not given."""
 
 MM, KPA = 1e3, 1e-3
 STRESS = matplotlib.colormaps["magma_r"]
@@ -310,35 +303,6 @@ def picture_of_touch(out: Path):
     print(f"touch: {env.unwrapped.look()}")
 
 
-def pictures_of_tasks(out: Path):
-    """Writes <task>.png of every task, and cameras.png."""
-    for task in TASKS:
-        env = when_done(f"ruffini/{task}-v0")
-        Image.fromarray(env.render()).save(out / f"{task}.png", optimize=True)
-        print(f"{task}: {env.look()}")
-        if task == "GraspLift":
-            pictures = [env.render(camera) for camera in CAMERAS[1:]]
-            sheet = np.vstack([np.hstack(pictures[:2]), np.hstack(pictures[2:])])
-            picture = Image.fromarray(sheet).quantize(256, dither=Image.Dither.NONE)
-            picture.save(out / "cameras.png", optimize=True)
-
-
-def when_done(env_id):
-    """Environment whose scripted policy has first succeeded."""
-    objects = PICTURED.get(env_id)
-    settings = {} if objects is None else {"objects": objects}
-    env = gymnasium.make(env_id, render_mode="rgb_array", width=320, height=240, **settings)
-    policy, state = scripted(env_id), None
-    observation, _ = env.reset(seed=SEED)
-    over, steps, info = False, 0, {"is_success": False}
-    while not (over or (info["is_success"] and steps > AFTER)):
-        rows = {name: values[None] for name, values in observation.items()}
-        action, state = policy.predict(rows, state)
-        observation, _, terminated, truncated, info = env.step(action[0])
-        over, steps = terminated or truncated, steps + 1
-    return env.unwrapped
-
-
 def main() -> None:
     """Draws the pictures that are chosen."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
@@ -347,7 +311,8 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     if options.which == "tasks":
-        pictures_of_tasks(options.out)
+        films.pictures(options.out)
+        films.page(options.out)
         return
     picture_of_touch(options.out)
     picture_of_a_grasp(options.out)
