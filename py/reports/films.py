@@ -115,6 +115,16 @@ def smooth(path: np.ndarray) -> np.ndarray:
     return (weights / weights.sum(axis=1, keepdims=True)) @ path
 
 
+def camera(middle: np.ndarray, apart: float, yaw: float) -> dict[str, Any]:
+    """Pose of the camera for an object and a hand with that middle, distance and yaw."""
+    angle = yaw + AZIMUTH
+    level, up = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([0.0, 0.0, 1.0])
+    target = middle + MIDDLE @ [np.cross(up, level), -level, up]
+    back = np.cos(ELEVATION) * level + np.sin(ELEVATION) * up
+    eye = target + (NEAR + RECEDES * apart) * back
+    return {"position": eye, "target": target, "field_of_view": FIELD_OF_VIEW}
+
+
 def cameras(task: str, episode: Episode) -> list[dict[str, Any]]:
     """Pose of the camera at each step."""
     thing, hand = (
@@ -126,15 +136,7 @@ def cameras(task: str, episode: Episode) -> list[dict[str, Any]]:
     path = smooth(np.column_stack([(thing + hand) / 2, away, yaw]))
     if task in STILL:
         path[:] = path.mean(axis=0)
-    poses = []
-    for *middle, apart, turned in path:
-        angle = turned + AZIMUTH
-        level, up = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([0.0, 0.0, 1.0])
-        target = np.array(middle) + MIDDLE @ [np.cross(up, level), -level, up]
-        back = np.cos(ELEVATION) * level + np.sin(ELEVATION) * up
-        eye = target + (NEAR + RECEDES * apart) * back
-        poses.append({"position": eye, "target": target, "field_of_view": FIELD_OF_VIEW})
-    return poses
+    return [camera(row[:3], row[3], row[4]) for row in path]
 
 
 def replayed(env: Any, episode: Episode) -> Iterator[int]:

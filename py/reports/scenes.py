@@ -299,8 +299,10 @@ def picture_of_touch(out: Path):
     env.reset(seed=1)
     for _ in range(15):
         env.step(np.zeros(5, np.float32))
-    Image.fromarray(env.render()).save(out / "touch.png", optimize=True)
-    print(f"touch: {env.unwrapped.look()}")
+    look = env.unwrapped.look()
+    pose = films.camera(np.array(look["object_position"]), 0.0, look["tool_yaw"])
+    Image.fromarray(env.unwrapped.render(pose)).save(out / "touch.png", optimize=True)
+    print(f"touch: {look}")
 
 
 def main() -> None:
