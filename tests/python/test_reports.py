@@ -32,21 +32,17 @@ TIMES = re.compile(
 )
 """A key of figures that are others on another machine."""
 README = [
-    ("48", "presses by kinds", "unseen", "sizes / presses"),
-    ("8 %", "in displacement", "unseen", "table / all / network / displacement / 0"),
-    ("8 %", "in stress", "unseen", "table / all / network / stress / 0"),
-    ("3 %", "in force", "unseen", "table / all / network / force / 0"),
-    ("12 %", "12 %", "unseen", "table / all / linear, on cells / displacement / 0"),
-    ("12 %", "and 4 %", "unseen", "table / all / linear, on cells / stress / 0"),
-    ("4 %", "In the half", "unseen", "table / all / linear, on cells / force / 0"),
-    ("5 %", "6 % and 2 %", "unseen", "table / truth known to 5 % / network / displacement / 0"),
-    ("6 %", "and 2 %", "unseen", "table / truth known to 5 % / network / stress / 0"),
-    ("2 %", "It predicts", "unseen", "table / truth known to 5 % / network / force / 0"),
-    ("100,000", "extreme presses", "stability", "presses"),
-    ("556", "to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
-    ("880", "steps a second", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
+    ("{} % in displacement", "unseen", "table / all / network / displacement / 0"),
+    ("{} % in stress", "unseen", "table / all / network / stress / 0"),
+    ("{} % in force", "unseen", "table / all / network / force / 0"),
+    ("it corrects has {} %,", "unseen", "table / all / linear, on cells / displacement / 0"),
+    ("%, {} % and", "unseen", "table / all / linear, on cells / stress / 0"),
+    ("% and {} %. [Where", "unseen", "table / all / linear, on cells / force / 0"),
+    ("[{} extreme presses]", "stability", "presses"),
+    ("[{} to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
+    ("{} steps a second]", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
-"""Figures of README: as they are written, a word near by, the report and the keys to them in it."""
+"""Figures of README: where they stand, between which words, the report, and the keys to them."""
 SPEEDS = {
     "times as slow": (
         REPORTS / "sim_to_sim.json",
@@ -88,16 +84,22 @@ def test_every_marked_figure_is_that_of_its_report(page):
     assert not wrong, wrong
 
 
-@pytest.mark.parametrize(("written", "word", "report", "keys"), README)
-def test_every_figure_of_the_readme_is_that_of_its_report(written, word, report, keys):
+@pytest.mark.parametrize(("phrase", "report", "keys"), README)
+def test_every_figure_of_the_readme_is_that_of_its_report(phrase, report, keys):
     text = " ".join((ROOT / "README.md").read_text().split())
-    place = re.search(rf"(?<![\d.,]){re.escape(written)}", text)
-    assert place is not None, "a figure that README has no more"
-    assert word in text[place.start() :][:60]
-    number, _, unit = written.partition(" ")
-    true = pages.value(report, keys) * (100 if unit == "%" else 1)
+    before, after = map(re.escape, phrase.split("{}"))
+    [number] = re.findall(rf"{before}(?<![\d.,])(\d[\d,.]*){after}", text)
+    true = pages.value(report, keys) * (100 if "{} %" in phrase else 1)
     digits = len(number.partition(".")[2])
     assert number.replace(",", "") == f"{true:.{digits}f}" or is_time(keys)
+
+
+def test_every_percentage_of_the_readme_is_checked():
+    text = (ROOT / "README.md").read_text()
+    of_agents = len(re.findall(r"the worst of \d+ seeds", text))
+    # The quickstart's, and two in each row of the table: tests/python/test_study.py.
+    checked = sum("{} %" in phrase for phrase, _, _ in README) + 1 + 2 * of_agents
+    assert text.count(" %") == checked
 
 
 @pytest.mark.parametrize("words", SPEEDS)
@@ -109,8 +111,8 @@ def test_quotients_of_speeds_in_the_readme_are_those_of_their_report(words):
         fast["steps_per_second"] / slow["steps_per_second"]
         for fast, slow in pairs(json.loads(file.read_text()))
     ]
-    # On another machine, or another day, they are others.
-    assert [int(number) for number in written] == pytest.approx([min(times), max(times)], rel=0.2)
+    # On another machine, or another day, they are others: only their size has to be right.
+    assert [int(number) for number in written] == pytest.approx([min(times), max(times)], rel=0.5)
 
 
 def test_the_readme_is_short_and_hides_nothing():
@@ -119,12 +121,23 @@ def test_the_readme_is_short_and_hides_nothing():
     assert "<!--" not in text
 
 
-LINK = re.compile(r"\]\((?!https?://|#)([^)#]+)")
+LINK = re.compile(r"\]\((?!https?://|#)([^)#]+)(?:#([^)]+))?")
+"""A link to a file, and to a heading in it."""
+
+
+def headings(page: Path) -> set[str]:
+    """Returns what links may name on a page: its headings as GitHub writes them in addresses."""
+    found = re.findall(r"^#+ (.+)$", page.read_text(), flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in found}
 
 
 @pytest.mark.parametrize("page", [ROOT / "README.md", *pages.WRITTEN], ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page):
-    lost = [keys for keys in LINK.findall(page.read_text()) if not (page.parent / keys).exists()]
+    links = LINK.findall(page.read_text())
+    lost = [name for name, _ in links if not (page.parent / name).exists()]
+    assert not lost, lost
+    named = [(name, title) for name, title in links if title and name.endswith(".md")]
+    lost = [link for link in named if link[1] not in headings(page.parent / link[0])]
     assert not lost, lost
 
 
