@@ -135,11 +135,24 @@ def same_infos(ours: dict, theirs: dict, where: str) -> None:
             np.testing.assert_array_equal(ours[key], value, f"{where}, {key}")
 
 
+ERRORS = {
+    "noise": (1e-3, 2e-3),
+    "gain": (0.9, 1.1),
+    "offset": 1e-3,
+    "drift": (1e-3, 2e-3),
+    "hysteresis": 1e-3,
+    "delay": 2,
+}
+"""Every error of a channel that is drawn per episode or step."""
+
+
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("name", ["GraspLift", "HoldStill"])
 def test_infos_are_those_of_gymnasiums_own_vector_environment(name, mode):
     env_id = f"ruffini/{name}-v0"
     settings = {"max_episode_steps": 12, "observation": "proprio", "tactile": "none"}
+    if name == "HoldStill":
+        settings["sensor_errors"] = {"proprio": ERRORS}
     ours = gym.make_vec(env_id, num_envs=ROWS, autoreset_mode=mode, **settings)
     singles = [lambda: gym.make(env_id, **settings)] * ROWS
     theirs = gym.vector.SyncVectorEnv(singles, autoreset_mode=mode)
