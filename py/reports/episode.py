@@ -135,15 +135,20 @@ def size(vector: np.ndarray) -> float:
     return float(np.linalg.norm(vector))
 
 
+def forces(wrench: np.ndarray) -> np.ndarray:
+    """Forces (2, 3) on both pads, of wrenches in a row: force and torque of each (12,)."""
+    return wrench.reshape(2, 2, 3)[:, 0]
+
+
 def load(step: dict[str, Any]) -> float:
     """Sum of the sizes of the forces on both pads (N)."""
-    return size(step["wrench"][:3]) + size(step["wrench"][6:9])
+    return sum(map(size, forces(step["wrench"])))
 
 
 def miss(found: np.ndarray, exact: np.ndarray, channel: str) -> float:
     """Relative L2 error of a channel of both pads; of a wrench, of its forces."""
     if channel == "wrench":
-        found, exact = (np.r_[wrench[:3], wrench[6:9]] for wrench in (found, exact))
+        found, exact = map(forces, (found, exact))
     return apart(found, exact)
 
 

@@ -18,6 +18,7 @@ from ruffini._schema import control_period
 from ruffini.envs import GraspLiftVectorEnv
 from ruffini.evaluation import Policy
 from ruffini.policies import scripted
+from ruffini.policies._parts import part
 
 STEPS = (1 / 60, 1 / 100, 1 / 250, 1 / 500, 1 / 1000)
 TACTILE = ("none", "compliance", "surrogate")
@@ -78,7 +79,8 @@ def played(case: dict, steps: int) -> dict:
         check(envs, observation, reward)
         if terminated.any():
             endings.append(named(info))
-        touched = touched or (observation["proprio"][:, 12:14] > 0.0).any()
+        forces = part(observation, "proprio", "normal force of each pad")
+        touched = touched or (forces > 0.0).any()
     still = case["actions"] == "still" and not touched and not endings
     shift = float(np.linalg.norm(place(envs) - start)) if still else 0.0
     return {"endings": endings, "shift": shift, "last": observation["object"].tobytes()}
