@@ -171,6 +171,12 @@ def test_there_are_pages_with_code():
     assert len(PAGES) > 10
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_an_example_of_a_page_has_at_most_twenty_lines(page):
+    for _, code in BLOCK.findall(page.read_text()):
+        assert sum(bool(line.strip()) for line in code.splitlines()) <= 20, code
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning:torch")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_the_code_of_a_page_runs(page, root, monkeypatch):

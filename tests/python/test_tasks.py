@@ -104,6 +104,18 @@ def test_parts_of_observations_go_by_name():
         part(observation, "proprio", "colour")
 
 
+def test_parts_of_what_pads_feel_go_by_name_too():
+    felt = {"observation": ["wrench", "slip"], "tactile": "compliance"}
+    env = gym.make("ruffini/GraspLift-v0", **felt).unwrapped
+    observation = {"wrench": np.arange(12.0), "slip": np.arange(2.0)}
+    found = part(observation, "wrench", "force, +x pad", env.channels())
+    np.testing.assert_array_equal(found, [6, 7, 8])
+    slides = "share of the normal force where the pad slides, +x pad: 1"
+    assert part(observation, "slip", slides, env.channels()) == 1
+    with pytest.raises(KeyError, match=r"did you mean 'force, \+x pad"):
+        part(observation, "wrench", "force, x pad", env.channels())
+
+
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(("env_id", "settings"), CASES)
 def test_a_row_equals_the_single_environment_bit_for_bit(env_id, settings, mode):

@@ -22,7 +22,7 @@ import difflib
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, ClassVar
 
@@ -36,7 +36,7 @@ from ruffini._settings import naming_nearest, nearest
 from ruffini._single import NativeEnv
 from ruffini._spaces import Observation, Renderer, Spaces
 from ruffini._vector import NativeVectorEnv
-from ruffini.policies._parts import part
+from ruffini.policies._parts import Places, find, places_of
 
 __all__ = ["CustomEnv", "CustomVectorEnv", "Draws", "State", "Task", "register"]
 
@@ -56,14 +56,18 @@ class State:
     """Terms of the built-in task's reward, each (N,)."""
     base_success: Bools
     """Rows (N,) in which the built-in task is done."""
+    places: Places = field(repr=False)
+    """Place of each component in its channel."""
 
     def part(self, channel: str, component: str) -> NDArray[np.float32]:
         """One component (N, ...) of a channel, by its name in ``env.unwrapped.channels()``.
 
+        The name of what soft pads feel may stand without its shape: ``"force, +x pad"``.
+
         Raises:
             KeyError: If there is none, or the task neither observes nor reads the channel.
         """
-        return part(self.channels, channel, component)
+        return find(self.places, self.channels, channel, component)
 
 
 class Draws:
@@ -185,6 +189,7 @@ class _Custom(Native):
         """Spaces of what the agent observes, and the layout of all that is computed."""
         super()._make_spaces()
         self._whole = Spaces(self._batch, "dict")
+        self._places = places_of(self._batch.layout())
 
     def _begin(self, seeds: list[int | None] | None, mask: Bools | None) -> NDArray[np.float32]:
         rows = np.ones(self._count, np.bool_) if mask is None else mask
@@ -249,7 +254,7 @@ class _Custom(Native):
         channels = self._whole.cut(observation)
         assert isinstance(channels, dict)
         named = dict(zip(self._base_terms, terms.T, strict=True))
-        return State(channels, action, named, success)
+        return State(channels, action, named, success, self._places)
 
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         # Rows that native restarts in this step: their action is ignored and nothing is paid.
@@ -341,7 +346,7 @@ class _Custom(Native):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        del state["_whole"]
+        del state["_whole"], state["_places"]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any
 
@@ -11,39 +12,66 @@ from numpy.typing import NDArray
 from ruffini._schema import SCHEMA, TASKS
 from ruffini._settings import nearest
 
+Places = Mapping[tuple[str, str], slice]
+"""Place of each component in its channel, by the names of both."""
 
-@cache
-def _slices() -> dict[tuple[str, str], slice]:
-    """Place of each component in its channel."""
-    own = [channel for task in TASKS.values() for channel in task["channels"]]
+
+def _places(
+    channels: Iterable[tuple[str, Iterable[tuple[str, int]]]],
+) -> dict[tuple[str, str], slice]:
+    """Places of components of some sizes; those of fields also by their name without its shape."""
     places: dict[tuple[str, str], slice] = {}
-    for channel in [*SCHEMA["channels"], *own]:
+    for channel, components in channels:
         start = 0
-        for part in channel["components"]:
-            end = start + part["size"]
-            places[channel["name"], part["name"]] = slice(start, end)
-            start = end
+        for name, size in components:
+            place = slice(start, start + size)
+            places[channel, name] = places[channel, name.partition(": ")[0]] = place
+            start += size
     return places
 
 
-def _unknown(channel: str, component: str) -> slice:
-    """Raise a ``KeyError`` that names the nearest channel or component."""
-    components = [name for own, name in _slices() if own == channel]
+@cache
+def _shared() -> dict[tuple[str, str], slice]:
+    """Places in the channels of all tasks that are not felt by soft pads."""
+    own = [channel for task in TASKS.values() for channel in task["channels"]]
+    return _places(
+        (channel["name"], [(each["name"], each["size"]) for each in channel["components"]])
+        for channel in [*SCHEMA["channels"], *own]
+    )
+
+
+def places_of(
+    layout: Iterable[tuple[str, list[tuple[str, list[float], list[float], str]]]],
+) -> Places:
+    """Places in an environment's channels, as ``channels()`` returns them, and in all others."""
+    own = _places(
+        (channel, [(name, len(low)) for name, low, *_ in components])
+        for channel, components in layout
+    )
+    had = {channel for channel, _ in own}
+    return {key: place for key, place in _shared().items() if key[0] not in had} | own
+
+
+def _unknown(places: Places, channel: str, component: str) -> KeyError:
+    """Error that names the nearest channel or component."""
+    components = [name.partition(": ")[0] for own, name in places if own == channel]
     what, word = ("component", component) if components else ("channel", channel)
-    known = components or list(dict.fromkeys(own for own, _ in _slices()))
+    known = list(dict.fromkeys(components or (own for own, _ in places)))
     near = nearest(word, known)
-    raise KeyError(f"{what}: found {word!r}{near} expected one of {', '.join(known)}")
+    return KeyError(f"{what}: found {word!r}{near} expected one of {', '.join(known)}")
 
 
-def part(observation: dict[str, Any], channel: str, component: str) -> NDArray[np.float32]:
-    """One component (N, ...) of a channel of dict observations of N environments.
-
-    The names are those of ``env.unwrapped.channels()``; a component of one number has shape (N,).
+def find(
+    places: Places, observation: dict[str, Any], channel: str, component: str
+) -> NDArray[np.float32]:
+    """One component (N, ...) of a channel, found by its place.
 
     Raises:
         KeyError: If there is no such channel or component, or it was not observed.
     """
-    place = _slices().get((channel, component)) or _unknown(channel, component)
+    place = places.get((channel, component))
+    if place is None:
+        raise _unknown(places, channel, component)
     if channel not in observation:
         had = (
             f"expected one of {', '.join(observation)}: observe it, or list it in a task's `reads`"
@@ -51,3 +79,19 @@ def part(observation: dict[str, Any], channel: str, component: str) -> NDArray[n
         raise KeyError(f"channel: found {channel!r}, {had}")
     values: NDArray[np.float32] = observation[channel][..., place]
     return values[..., 0] if place.stop - place.start == 1 else values
+
+
+def part(
+    observation: dict[str, Any], channel: str, component: str, channels: Any = None
+) -> NDArray[np.float32]:
+    """One component (N, ...) of a channel of dict observations of N environments.
+
+    The names are those of ``env.unwrapped.channels()``, which `channels` has to be given if the
+    channel is one of soft pads: its components depend on the settings. Theirs may stand without the
+    shape, ``"force, +x pad"`` for ``"force, +x pad: 3"``. A component of one number has shape (N,).
+
+    Raises:
+        KeyError: If there is no such channel or component, or it was not observed.
+    """
+    places = _shared() if channels is None else places_of(channels)
+    return find(places, observation, channel, component)
