@@ -261,6 +261,21 @@ def test_wrong_rules_say_what_was_found_and_expected(task, message):
         step()
 
 
+def test_a_rule_reads_what_soft_pads_feel_by_name():
+    def reward(self, state):
+        seen.append((state.part("wrench", "force, +x pad"), state.channels["wrench"]))
+        return {"low": np.zeros(2)}
+
+    seen: list = []
+    felt = {"tactile": "compliance", "observation": ["proprio", "wrench"]}
+    envs = CustomVectorEnv(case(reward=reward), 2, **felt)
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 5), np.float32))
+    force, wrench = seen[-1]
+    assert force.shape == (2, 3)
+    assert np.shares_memory(force, wrench[:, 6:9]) and not np.shares_memory(force, wrench[:, :6])
+
+
 @pytest.mark.parametrize(
     ("channel", "component", "message"),
     [
