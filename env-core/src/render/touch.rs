@@ -138,7 +138,7 @@ impl Inset {
         let mut inset = self.renderer.draw(&camera, &[body.item(pose)])?;
         paint_bar(&mut inset, side);
         if side >= SMALLEST_NUMBERED {
-            write_numbers(&mut inset, side, body.darkest);
+            write_numbers(&mut inset, side, &upper_end(body.peak, body.darkest));
         }
         let whole = side + 2 * FRAME;
         let left = width - MARGIN - whole;
@@ -171,14 +171,20 @@ fn in_front_of_object(mesh: &RenderMesh, pose: &Isometry3<f64>) -> PinholeCamera
     PinholeCamera { eye, target, up: Vector3::z(), vertical_fov: FIELD_OF_VIEW }
 }
 
+/// Number at the upper end of the colour scale, with `>` where the `peak` of stress is above it.
+fn upper_end(peak: f64, darkest: f64) -> String {
+    let above = if peak > darkest { ">" } else { "" };
+    format!("{above}{}", font::stress(darkest))
+}
+
 /// Writes the ends of the colour scale beside it.
-fn write_numbers(picture: &mut [u8], side: usize, darkest: f64) {
+fn write_numbers(picture: &mut [u8], side: usize, upper_end: &str) {
     let scale = (side / 80).max(1);
     let [right, bottom] = [side - bar_width(side), side].map(|end| end - 2 * scale);
-    for (text, is_top) in [(font::stress(darkest), true), ("0".to_owned(), false)] {
-        let [width, height] = font::size(&text, scale);
+    for (text, is_top) in [(upper_end, true), ("0", false)] {
+        let [width, height] = font::size(text, scale);
         let top = if is_top { 2 * scale } else { bottom - height };
-        font::write(picture, side, &text, scale, [right.saturating_sub(width), top]);
+        font::write(picture, side, text, scale, [right.saturating_sub(width), top]);
     }
 }
 
@@ -212,5 +218,19 @@ mod tests {
         }
         assert_eq!(color(7.0), color(1.0));
         assert_eq!(color(0.0).bytes(), COLORS[0]);
+    }
+
+    #[test]
+    fn the_scale_says_that_stress_is_above_its_end() {
+        assert_eq!(upper_end(60e3, 60e3), "60 kPa");
+        assert_eq!(upper_end(61e3, 60e3), ">60 kPa");
+    }
+
+    #[test]
+    fn the_longest_number_fits_beside_the_bar_of_every_inset() {
+        for side in SMALLEST_NUMBERED..400 {
+            let [width, _] = font::size(&upper_end(2e6, 43.68e3), (side / 80).max(1));
+            assert!(width + bar_width(side) + 2 <= side, "{width} of {side} pixels");
+        }
     }
 }
