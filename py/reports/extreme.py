@@ -58,12 +58,8 @@ def draw(random: np.random.Generator, answerer: str) -> dict:
     return case
 
 
-def draw_buried(random: np.random.Generator, answerer: str) -> dict:
-    """Draws a press for `answerer` whose first pose is in the pad: slender or small, any tilt."""
-    tilt, heading = random.uniform(0.0, np.pi, 2) * [1, 2]
-    if random.random() < 0.3:
-        tilt = float(random.choice([0.0, np.pi]))
-    x, y = np.sin(tilt / 2) * np.array([np.cos(heading), np.sin(heading)])
+def draw_gel(random: np.random.Generator, answerer: str) -> dict:
+    """Draws a pad for `answerer`, with its friction."""
     case = {
         "answerer": answerer,
         "mesh": str(random.choice(list(GELS), p=[0.7, 0.3])),
@@ -72,6 +68,19 @@ def draw_buried(random: np.random.Generator, answerer: str) -> dict:
         "poisson": float(random.choice([0.3, 0.45, 0.48, 0.495])),
         "friction": 0.0 if random.random() < 0.4 else spread(random, 0.05, 2.0),
         "law": "neo-hookean",
+    }
+    if answerer == "fem":
+        case["element"] = str(random.choice(["p1", "p1-bar"]))
+    return case | {"corrections": 0, "free": False}
+
+
+def draw_buried(random: np.random.Generator) -> dict:
+    """Draws a shape whose first pose is in a pad: slender or small, at any tilt."""
+    tilt, heading = random.uniform(0.0, np.pi, 2) * [1, 2]
+    if random.random() < 0.3:
+        tilt = float(random.choice([0.0, np.pi]))
+    x, y = np.sin(tilt / 2) * np.array([np.cos(heading), np.sin(heading)])
+    return {
         "shape": str(random.choice(SLENDER)),
         "size": spread(random, 2e-4, 2e-3),
         "slenderness": spread(random, 1.0, 8.0),
@@ -81,10 +90,8 @@ def draw_buried(random: np.random.Generator, answerer: str) -> dict:
         "depth": spread(random, 0.02, 0.6),
         "frames": int(random.integers(1, 5)),
         "shear": [float(x) for x in random.uniform(-1e-3, 1e-3, 2)],
+        "long way": "lowered",
     }
-    if answerer == "fem":
-        case["element"] = str(random.choice(["p1", "p1-bar"]))
-    return case | {"corrections": 0, "free": False, "long way": "lowered"}
 
 
 def body(random: np.random.Generator, answerer: str) -> dict:

@@ -255,7 +255,7 @@ def test_shapes_that_begin_buried_are_as_deep_as_is_said():
     mesh = ruffini.sensor("gelsight-mini", resolution=300).mesh
     assert extreme.face_height(mesh, np.zeros(2)) == pytest.approx(0.0, abs=1e-4)
     for number in range(20):
-        case = extreme.draw_buried(np.random.default_rng(number), "linear")
+        case = extreme.draw_buried(np.random.default_rng(number)) | {"mesh": "mini"}
         path = extreme.buried(case, mesh)
         assert len(path) == (1 if case["kind"] == "buried" else case["frames"] + 1)
         corners = turned(path[0][1], extreme.shape(case)[0].surface()[0]) + path[0][0]
