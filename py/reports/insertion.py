@@ -69,7 +69,9 @@ def make(options: Namespace) -> dict[str, Any]:
     return rows.header | {
         "note": options.note,
         "felt": summary(moved),
+        "pegs": by_peg(moved),
         "changes": changes(moved),
+        "late": late(moved),
         "search": searches,
         "drawn": {row["case"]: row["drawn"] for row in moved if "drawn" in row},
     }
@@ -98,6 +100,9 @@ def felt(case: str, model: str, seed: int) -> dict[str, Any]:
         )
         # The block's torque is not known.
         columns[f"{of} torque"] = torque * (np.nan if on_block else 1.0)
+    arrays, step = record.arrays(), found["step"]
+    columns["off"] = (arrays["felt"] - arrays["engine"])[step, 2]
+    columns["rise"] = (arrays["engine"][step] - arrays["engine"][step - 1])[:, 2]
     row: dict[str, Any] = {"case": case, "model": model, "seed": seed, "peg": peg}
     row |= {"ended": record.ended, "friction": record.look["friction"]}
     row["samples"] = {
@@ -163,6 +168,37 @@ def changes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             if which.any():
                 entry = {"name": f"{model}, {name}", "model": model, "change": name}
                 found.append(entry | {"samples": int(which.sum()), "force": three(force[which])})
+    return found
+
+
+def by_peg(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Error of the network's force by case and peg, whatever the state of contact."""
+    found = []
+    for case in cases.AIR | cases.BLOCK:
+        for peg in cases.PEGS:
+            named = {"case": case, "model": MODELS[0], "peg": peg}
+            of = [row for row in rows if named.items() <= row.items()]
+            if force := three(values_of(of, "felt")):
+                found.append({"name": f"{case}, {peg}"} | named | {"force": force})
+    return found
+
+
+def late(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How much less of a change of the upward force in a control step is felt than there is.
+
+    A straight line through 0 of what is felt less the rigid bodies' force over the change of the
+    latter, by least squares: its slope, and the share of the squares that it explains.
+    """
+    found = []
+    for model in MODELS:
+        for case in cases.BLOCK:
+            of = [row for row in rows if row["case"] == case and row["model"] == model]
+            off, rise = values_of(of, "off"), values_of(of, "rise")
+            if len(off):
+                slope = float(off @ rise / (rise @ rise))
+                rest = float(((off - slope * rise) ** 2).sum() / (off**2).sum())
+                entry = {"name": f"{case}, {model}", "case": case, "model": model}
+                found.append(entry | {"share": -slope, "explained": 1.0 - rest})
     return found
 
 
@@ -243,14 +279,24 @@ On the block; *aside* is in mm.
 
 {along_grip}
 
-What is missed on the block follows its changes: errors of force by the change of the block's force
-in a control step, over the same sum of forces. In %, all cases on the block.
+Force by peg, with the network: median / 95th percentile, in %.
+
+{by_peg}
+
+### What the errors on the block come from
+
+Errors of force by the change of the block's force in a control step, over the same sum of forces.
+In %, all cases on the block.
 
 {changed}
 
-The forces of the gel are computed once in a control step, from the pose at its end, and act through
-the next one. A peg that is pressed harder by a hand that goes on is felt one answer late, for a
-part of the change; where the force is steady, that is gone.
+The gel is asked once in a control step, at its end. In between, springs of the rigid-body engine
+bear the peg, corrected by what they were off at the end of the step before. Where they are stiffer
+than the gel, a change of the force within the step is felt for a part only. That part is missing
+from the upward force, by a straight line through what is felt less what the rigid bodies have, over
+the change of the latter in the step; *explained* is the share of the squares of that difference:
+
+{lag}
 
 ## A search on a spiral
 
@@ -304,6 +350,8 @@ ASIDE = {
     "rigid bodies: force": spread("engine"),
     "rigid bodies: aside (mm)": "{engine aside[median]:1e3*.2f} / {engine aside[p95]:1e3*.2f}",
 }
+LATE = {"case": "{case}", "model": "{model}", "missing (%)": "{share:100*.0f}"}
+LATE |= {"explained (%)": "{explained:100*.0f}"}
 ALONG_GRIP = """Rigid bodies miss by much where the hand accelerates along the line between the pads
 (*shaken*): the engine's own account of the pads is wrong there, as
 [the other report](load.md#a-hand-that-accelerates) found, and what is felt is not."""
@@ -327,12 +375,23 @@ def page(report: dict[str, Any]) -> str:
         air=table(ROW | TORQUE, [row for row in rows if row["case"] in cases.AIR], absent="–"),
         block=table(ROW | ASIDE, [row for row in rows if row["case"] in cases.BLOCK], absent="–"),
         along_grip=ALONG_GRIP if max(shaken, default=0.0) > GOAL else "",
+        by_peg=pegs(report["pegs"]),
         changed=table(changed, report["changes"]),
+        lag=table(LATE, report["late"]),
         spirals=by_clearance(found, POLICIES, (RANGE, *COMMON)),
         both=difference(report),
         narrow=by_clearance(found, POLICIES[:1], (*NARROW, *COMMON)),
         made=made(report),
     )
+
+
+def pegs(rows: list[dict[str, Any]]) -> str:
+    """A table with a row for each peg and a column for each case."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        found.setdefault(row["peg"], {"peg": row["peg"]})[row["case"]] = row["force"]
+    columns = {"peg": "{peg}"} | {case: spread(case) for case in cases.AIR | cases.BLOCK}
+    return table(columns, found.values(), absent="–")
 
 
 def one(found: list[dict[str, Any]], policy: str, clearance: float | str) -> dict[str, Any]:
@@ -402,7 +461,7 @@ def difference(report: dict[str, Any]) -> str:
 def figure(report: dict[str, Any]):
     """Forces in three episodes, and successes by clearance for each peg."""
     drawn, found = report["drawn"], report["search"]
-    pegs = [peg for peg in cases.PEGS if any(row["peg"] == peg for row in found)]
+    shown = [peg for peg in cases.PEGS if any(row["peg"] == peg for row in found)]
     picture, axes = plt.subplots(2, 3, figsize=(11, 6), layout="constrained")
     for axis, (case, course) in zip(axes[0], drawn.items(), strict=False):
         axis.plot(course["time"], course["needed"], color="black", lw=2.4, label="needed")
@@ -411,7 +470,7 @@ def figure(report: dict[str, Any]):
         axis.set_ylabel(f"force on the peg along {course['axis']} (N)")
         axis.grid(alpha=0.3)
         axis.legend(fontsize=7)
-    for axis, peg in zip(axes[1], pegs, strict=False):
+    for axis, peg in zip(axes[1], shown, strict=False):
         for policy, colour, shift in (("scripted", BLUE, 1.0), ("spiral", BROWN, 1.03)):
             rows = [
                 row
@@ -429,6 +488,6 @@ def figure(report: dict[str, Any]):
         readable(axis)
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=7, loc="lower right")
-    for axis in [*axes[0][len(drawn) :], *axes[1][len(pegs) :]]:
+    for axis in [*axes[0][len(drawn) :], *axes[1][len(shown) :]]:
         axis.axis("off")
     return picture
