@@ -354,9 +354,7 @@ with more than 25 N.
 {made}"""
 VERDICT = """Of {air count} groups of samples in the air, by case, model and state of contact,
 {air met} meet the goal of {goal:100*.0f} % at the 95th percentile of the error of force; of
-{block count} on the block {block met} do. With the network, force on a peg that is held still is
-off by {held:100*.2f} % in the median (where it sticks), on one that is inserted by
-{inserted:100*.1f} %. Three things
+{block count} on the block {block met} do. {medians} Three things
 stand behind the misses: [a change of the force within a control step is felt for a
 part](#what-the-errors-on-the-block-come-from), [some pegs tremble in the hand](#pegs-that-tremble),
 and pegs with flat faces are felt worse at the start of an episode and when they slide out.
@@ -365,6 +363,8 @@ With holes as the task draws them, the spiral inserts {spiral[success]:100*.1f} 
 ({spiral[interval][0]:100*.1f} to {spiral[interval][1]:100*.1f}, {spiral[episodes]} episodes), the
 scripted policy {scripted[success]:100*.1f} % ({scripted[interval][0]:100*.1f} to
 {scripted[interval][1]:100*.1f}). {narrowest}"""
+MEDIANS = """With the network, force on a peg that is held still is off by {held:100*.2f} % in the
+median (where it sticks), on one that is inserted by {inserted:100*.1f} %."""
 NARROWEST = """In a hole that is 0.2 mm wider it inserts {round[success]:100*.0f} % of round pegs,
 {square[success]:100*.0f} % of square and {hexagonal[success]:100*.0f} % of hexagonal ones."""
 ROW: dict[str, Any] = {"case": "{case}", "model": "{model}", "contact": "{state}"}
@@ -478,14 +478,17 @@ def verdict(report: dict[str, Any]) -> str:
         rows = [row for row in report["felt"] if row["case"] in of]
         values |= {f"{where} count": len(rows)}
         values |= {f"{where} met": sum(row["goal met"] for row in rows)}
-    medians = {row["name"]: row["force"]["median"] for row in report["felt"]}
-    for case in ("held", "inserted"):
-        values[case] = medians.get(f"{case}, {MODELS[0]}, {STATES[0]}", np.nan)
+    medians = {
+        row["case"]: row["force"]["median"]
+        for row in report["felt"]
+        if (row["model"], row["state"]) == (MODELS[0], STATES[0])
+    }
+    felt_by = text(MEDIANS, medians) if {"held", "inserted"} <= medians.keys() else ""
     values |= {policy: one(report["search"], policy, RANGE) for policy in POLICIES}
     named = {f"scripted, {peg}, 0.2 mm": peg.partition("-")[0] for peg in cases.PEGS}
     narrow = {named[row["name"]]: row for row in report["search"] if row["name"] in named}
     said = text(NARROWEST, narrow) if len(narrow) == len(cases.PEGS) else ""
-    return text(VERDICT, values, narrowest=said)
+    return text(VERDICT, values, medians=felt_by, narrowest=said)
 
 
 def by_clearance(
