@@ -439,6 +439,55 @@ def test_the_balance_of_a_body_on_a_known_path_is_its_load():
         assert error.max() < 2e-3, "error of what the velocities need"
 
 
+def standing(place, missing=0.0):
+    """A peg that stands on the block, whose force acts at a place of the top (m), as it is felt."""
+    load, cases = module("load_cases"), module("insertion_cases")
+    mass, half, center = 0.04, np.array([6e-3, 6e-3, 0.03]), np.array([1e-3, -2e-3, 0.05])
+    corners = half * np.stack(np.meshgrid(*[[-1, 1]] * 3), axis=-1).reshape(-1, 3)
+    record = load.Record(mass, 1e-5 * np.eye(3), np.zeros(3), corners, {})
+    force = np.array([0.5, -0.3, 4.0])
+    arm = np.array([*place, cases.TOP]) - center
+    needed = np.r_[mass * np.array([0, 0, load.GRAVITY]) - force, -np.cross(arm, force)]
+    for _ in range(6):
+        record.add(felt=needed + missing * np.r_[force, 0, 0, 0], engine=needed, block=force)
+        record.add(center=center, rotation=np.eye(3), tool=center, hand=np.zeros(3))
+        record.add(slip=[0.0, 0.0], normal=[5.0, 5.0], grip=5.0, lowest=cases.TOP)
+    return record
+
+
+@pytest.mark.parametrize(
+    ("place", "aside"),
+    [((0.0, 0.0), 0.0), ((6e-3, 3e-3), 0.0), ((9e-3, 8e-3), np.hypot(2, 4) / 1e3)],
+)
+def test_the_torque_on_a_standing_peg_tells_where_the_block_bears_it(place, aside):
+    load, cases = module("load_cases"), module("insertion_cases")
+    record = standing(place)
+    found = cases.balance(record)
+    assert load.errors(found, "felt")[0].max() < 1e-9
+    assert cases.aside(record, found, "felt") == pytest.approx(np.full(3, aside), abs=1e-9)
+    found = cases.balance(standing(place, 0.1))
+    scale = np.linalg.norm([0.5, -0.3, 4.0])
+    expected = 0.1 * scale / (scale + 0.04 * load.GRAVITY)
+    assert load.errors(found, "felt")[0] == pytest.approx(np.full(3, expected))
+    assert found["change"].max() == 0.0
+
+
+def test_a_spiral_search_finds_a_wide_hole_and_goes_on_only_while_it_touches():
+    search = module("insertion_search")
+    row = search.searched("spiral", "round-peg", 2e-3, 4, 40_000)["search"]
+    assert row["successes"] >= 2
+    up = {"proprio": np.zeros((1, 14), np.float32), "wrench": np.zeros((1, 12), np.float32)}
+    spiral, state = search.Spiral(), None
+    for force, way in ((5.0, 1), (5.0, 2), (0.0, 2), (5.0, 3)):
+        up["wrench"][:, 1] = force
+        action, state = spiral.predict(up, state)
+        assert state[1] == pytest.approx(way * search.PACE * search.PERIOD)
+    assert action[0, 2] == pytest.approx(search.RISE)
+    up["proprio"][:, 2] = -2 * search.DROPPED
+    _, state = spiral.predict(up, state)
+    assert state[3].all()
+
+
 def test_a_load_is_judged_by_what_a_jerky_hand_leaves_to_the_ends_of_steps():
     cases = module("load_cases")
     mass, still = 0.2, np.zeros(3)

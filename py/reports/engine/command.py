@@ -15,8 +15,10 @@ from engine.figures import save
 from engine.pages import WRITTEN, requoted
 from engine.rows import KEPT, OUT
 
-REPORTS = ["buried", "dataset", "episode", "fem", "load", "networks", "paper", "pareto", "paths"]
+REPORTS = ["buried", "dataset", "episode", "fem", "insertion", "load", "networks", "paper"]
 REPORTS += [
+    "pareto",
+    "paths",
     "reality",
     "scene_cost",
     "sensors",
