@@ -38,7 +38,7 @@ README = [
     ("it corrects has {} %,", "unseen", "table / all / linear, on cells / displacement / 0"),
     ("%, {} % and", "unseen", "table / all / linear, on cells / stress / 0"),
     ("% and {} %. [Where", "unseen", "table / all / linear, on cells / force / 0"),
-    ("[{} extreme presses]", "stability", "presses"),
+    ("[{} presses made to break it]", "stability", "presses"),
     ("[{} to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("{} steps a second]", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]

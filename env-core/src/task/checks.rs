@@ -9,6 +9,9 @@ use crate::{
     scene::{ObjectModel, SceneObject},
 };
 
+/// Length of the shortest object that is taken (m): a smaller one is a wrong unit.
+const SHORTEST: f64 = 2e-3;
+
 impl TaskConfig {
     /// Returns an error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
@@ -59,10 +62,20 @@ impl TaskConfig {
         Ok(models)
     }
 
-    /// Returns an error unless the object fits between the open pads: across its narrowest side if
-    /// the hand starts over it, otherwise across a horizontal side.
+    /// Returns an error unless the object is long enough to be grasped and fits between the open
+    /// pads: across its narrowest side if the hand starts over it, otherwise across a horizontal
+    /// side.
     fn fits(&self, spec: &ObjectSpec, model: &ObjectModel) -> Result<()> {
         let (low, high) = model.surface().bounds();
+        let longest = (high - low).max() * self.size[0];
+        if longest < SHORTEST {
+            let found = format!("{spec}, {:.3} mm along its longest side", 1e3 * longest);
+            let expected = format!(
+                "{:.0} mm or more; lengths are in m, and scale is the length of a mesh file's unit",
+                1e3 * SHORTEST
+            );
+            return Err(Error::invalid("objects", found, expected));
+        }
         let narrow = match self.task.start() {
             Start::AroundObject | Start::InHand => model.width_in_hand(self.size[1]),
             Start::OverTable => (high - low).min() * self.size[1],
