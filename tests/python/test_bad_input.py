@@ -308,6 +308,15 @@ def test_what_makes_a_large_object_fit_is_named(tmp_path):
     assert "the setting size scales it, here below 0.80" in large
 
 
+def test_an_object_too_small_to_be_grasped_is_a_wrong_unit(tmp_path):
+    file = tmp_path / "part.obj"
+    file.write_text(TETRAHEDRON)
+    part = {"mesh": str(file), "scale": 1e-5, "centred": True}
+    small = outcome(GraspLiftEnv, objects=part)
+    assert "0.180 mm along its longest side, expected 2 mm or more" in small
+    assert "scale is the length of a mesh file's unit" in small
+
+
 def test_a_closed_environment_says_so():
     env, envs = GraspLiftEnv(tactile="none"), GraspLiftVectorEnv(2, tactile="none")
     env.reset(seed=0)
