@@ -66,12 +66,12 @@ KINDS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "ruffini/InsertPeg-v0": {
         "touch": {},
-        "force": {"observation": ["proprio", "wrench"]},
+        "markers": {"observation": ["proprio", "wrench", "markers"]},
         "blind": {"observation": ["proprio"]},
     },
 }
-"""Settings of each environment's agents: with the default observation, with forces alone, with
-neither, with rigid pads, and with errors of the sensors."""
+"""Settings of each environment's agents: with the default observation, with forces alone, with the
+motion of markers, too, with neither, with rigid pads, and with errors of the sensors."""
 OTHERWISE = {"touch": "errors", "errors": "touch"}
 """Kinds whose agents are evaluated with the settings of another one, too, where both exist."""
 

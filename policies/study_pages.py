@@ -25,6 +25,7 @@ NAMES = {
     "touch": "default observation",
     "errors": "default observation, with errors of the sensors",
     "force": "proprio and wrench: forces, no field of touch",
+    "markers": "proprio, wrench and markers",
     "blind": "proprio alone",
     "rigid": "rigid pads, no touch",
 }

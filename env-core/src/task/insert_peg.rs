@@ -102,8 +102,8 @@ impl Rules for InsertPeg {
         &[StateChannel::Insertion]
     }
 
-    fn usual_channels(&self, tactile: bool) -> &'static [&'static str] {
-        if tactile { &["proprio", "wrench", "markers"] } else { &["proprio", "wrench"] }
+    fn usual_channels(&self, _: bool) -> &'static [&'static str] {
+        &["proprio", "wrench"]
     }
 
     fn settings(&mut self) -> Vec<Setting<'_>> {
@@ -372,8 +372,7 @@ As of :class:`GraspLiftEnv` at a twelfth of its speed: 0.02 m/s and 0.5 rad/s. T
 changes the grip by a factor of 1.2 per step at most, between ``least_grip`` and 20 N.
 
 ## Observation
-By default ``proprio``, ``wrench`` and ``markers``, the last not with rigid pads. The channel
-``insertion`` has what is hidden.
+By default ``proprio`` and ``wrench``. The channel ``insertion`` has what is hidden.
 
 {channels}
 
