@@ -141,7 +141,7 @@ def test_what_only_the_value_function_sees_is_not_the_agents(tmp_path):
     assert command(*words, "--steps", 256, "--settings", settings) == 0
     assert command(*words, "--steps", 512, "--resume") == 0
     agent = agents.load(folder)
-    assert list(agent.channels) == ["proprio", "wrench", "markers"]
+    assert list(agent.channels) == ["proprio", "wrench"]
     about = json.loads((folder / agents.RUN).read_text())
     assert about["params"]["privileged"] == ["insertion"]
     seen = json.dumps({"observation": ["proprio", "insertion"], "tactile": "compliance"})
