@@ -21,9 +21,30 @@ import numpy as np
 
 import extreme_scenes
 import ruffini
-from extreme import BURIED, GELS, NETWORK, WrongError, lowered, press, shape, soft_body
+from extreme import (
+    BURIED,
+    GELS,
+    NETWORK,
+    WrongError,
+    buried,
+    face_height,
+    lowered,
+    press,
+    shape,
+    soft_body,
+)
 from meshes import surface, volumes
-from ruffini import Compliance, Deformation, Fem, LinearPad, PressError, SoftBody, Surrogate
+from ruffini import (
+    Compliance,
+    Deformation,
+    Fem,
+    LinearPad,
+    PressError,
+    Shape,
+    SoftBody,
+    Surrogate,
+    TetMesh,
+)
 from ruffini._frames import turned
 
 NAMED = (
@@ -90,9 +111,25 @@ def answered(case: dict) -> dict:
         raise WrongError("went through the body unfelt")
     if case["kind"] in BURIED and not np.abs(frames[0].contact_force).any():
         depth = case["depth"] * np.ptp(body.mesh.vertices[:, 2])
-        if depth > DEEPEST + BETWEEN:
+        if min(depth, depth_below(case, body)) > DEEPEST + BETWEEN:
             raise WrongError(f"begins {depth:.1e} m deep and is not felt")
     return {"verdict": "solved"} | beside(case, model, last)
+
+
+def depth_below(case: dict, body: SoftBody) -> float:
+    """Depth of a shape's first pose below the upper face of a body at rest, 0 or less beside it.
+
+    In m. The lowest point of a long shape may be off the pad, where no face is above it.
+    """
+    form, _ = shape(case)
+    place, turn = buried(case, body.mesh)[0]
+    corners, sides = form.surface()
+    weights = np.array([[i, j, 8 - i - j] for i in range(9) for j in range(9 - i)]) / 8
+    points = np.einsum("wc,fcx->fwx", weights, (turned(turn, corners) + place)[sides])
+    points = np.unique(points.reshape(-1, 3).round(7), axis=0)
+    low, high = body.mesh.vertices.min(axis=0), body.mesh.vertices.max(axis=0)
+    over = points[((low < points) & (points < high)).all(axis=1)]
+    return max((face_height(body.mesh, point[:2]) - point[2] for point in over), default=0.0)
 
 
 PAD = {"answerer", "mesh", "nodes", "young", "poisson", "friction", "law", "corrections", "free"}
@@ -194,7 +231,8 @@ def check_pull(case: dict, body: SoftBody, frame: Deformation, total: float) -> 
 
     Quadratic faces, and those of ``p1-bar``, which compliance has, too, spread a force over their
     nodes with weights of both signs, and networks add forces of their own. Without friction a node
-    is pushed along the normal of a ball, and down by whatever comes down.
+    is pushed along the normal of a ball, unless its faces reach behind the ball, and down by
+    whatever comes down.
     """
     least = PULLING * total + 2 * allowed(case)
     comes_down = case["kind"] in LOWERED and case["mesh"] in BROAD and not case.get("free")
@@ -209,6 +247,8 @@ def check_pull(case: dict, body: SoftBody, frame: Deformation, total: float) -> 
         moved = body.mesh.vertices + frame.displacement - place
         normals = turned(turn, form.distance(turned(turn * [-1, -1, -1, 1], moved))[1])
         outward = np.einsum("vi,vi->v", normals, frame.contact_force)
+        if case["answerer"] != "nodes":  # Whose contact points are the nodes.
+            outward[behind(body.mesh, frame, form, moved)] = 0.0
     elif case["kind"] == "buried":
         outward = -frame.contact_force[:, 2]
     else:
@@ -216,6 +256,20 @@ def check_pull(case: dict, body: SoftBody, frame: Deformation, total: float) -> 
     pulled = -outward[outward < 0.0].sum()
     if pulled > least:
         raise WrongError(f"nodes are pulled with {pulled:.2e} N of {total:.2e} N")
+
+
+def behind(mesh: TetMesh, frame: Deformation, ball: Shape, seen: np.ndarray) -> np.ndarray:
+    """Nodes that may bear contact behind the middle of a ball, and are `seen` from there (V).
+
+    A point of a ball of radius r at most h from a node that is d away from its middle is on the
+    node's side of the middle if h² ≤ r² + d². The force there may push away from the node if not.
+    """
+    faces = surface(mesh)
+    reach = np.zeros(len(seen))
+    longest = edges((mesh.vertices + frame.displacement)[faces]).max(axis=1)
+    np.maximum.at(reach, faces, longest[:, None])
+    radius = -ball.distance(np.zeros((1, 3)))[0][0]
+    return reach**2 > radius**2 + (seen**2).sum(axis=1)
 
 
 SLIGHT = 1e-9
