@@ -1,4 +1,4 @@
-"""Presses that begin in the gel, with every model: 10,000 take hours, --quick makes 24.
+"""Presses that begin in the gel, with every model: 10,000 take an hour of a core, --quick makes 24.
 
 Slender and small shapes at any tilt, whose first pose is in a pad already: the only one, or
 followed by ones beside it. Fifty presses in a row have the same pad, whose model takes seconds to

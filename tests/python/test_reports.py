@@ -39,6 +39,8 @@ README = [
     ("%, {} % and", "unseen", "table / all / linear, on cells / stress / 0"),
     ("% and {} %. [Where", "unseen", "table / all / linear, on cells / force / 0"),
     ("[{} presses made to break it]", "stability", "presses"),
+    ("[{} that begin in the gel]", "buried", "presses"),
+    ("thin shapes, {} are wrong", "buried", "wrong presses"),
     ("[{} to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("{} steps a second]", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
