@@ -288,9 +288,9 @@ def rollouts(seconds: float, quick: bool) -> dict[str, Any]:
         "efficiency_n64": round(most / one / threads[-1], 3),
         "python_share_n64": round(python_share(seconds), 4),
         "bytes_per_environment": per_environment,
-        "growth_steps": 20_000 if quick else 1_000_000,
     }
-    figures["growth_bytes"] = memory_growth(figures["growth_steps"])
+    steps = 20_000 if quick else 1_000_000
+    figures["memory_growth"] = {"steps": steps, "bytes": memory_growth(steps)}
     figures["peers_1_thread"] = {name: peer(name, seconds) for name in PEERS}
     for name, value in figures.items():
         if name != "random_actions":

@@ -44,7 +44,7 @@ agent has learnt nothing that is only true of the network.
 Means over the seeds; the interval of the mean difference is bootstrapped from {resampled:,}
 resamples of the seeds. *Steps/s* are those of a processor second of one thread, one environment,
 without the reset (of finite elements it solves the first grip and takes {reset}); they were taken
-beside other work.
+beside other work. Finite elements are {slower} times as slow.
 
 ## How episodes end
 
@@ -106,6 +106,8 @@ def page(report: dict[str, Any]) -> str:
     by_model = [{"name": row["name"], "model": m} | row[m] for row in rows for m in MODELS]
     outcomes = ["success", "time_up", *sorted({o for row in by_model for o in row["outcomes"]})]
     resets = [row["fem"]["reset_seconds"] for row in rows]
+    rates = [[row[model]["steps_per_second"] for model in MODELS] for row in rows]
+    slower = [network / fem for network, fem in rates]
     return text(
         PAGE,
         report,
@@ -116,6 +118,7 @@ def page(report: dict[str, Any]) -> str:
         returns=table(RETURN, rows),
         resampled=RESAMPLED,
         reset=f"{min(resets):.2g} to {max(resets):.2g} s",
+        slower=f"{min(slower):.0f} to {max(slower):.0f}",
         endings=table(
             {"policy": "{name}", "felt with": lambda row: MODEL_NAMES[row["model"]]}
             | {headed(o): f"{{outcomes[{o}]}}" for o in dict.fromkeys(outcomes)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -61,6 +62,18 @@ def test_the_bar_of_a_run_ends_at_all_of_it(tmp_path, capfd):
     assert last.startswith("100%") and "768/768" in last, err
     assert out.startswith(f"ruffini/GraspLift-v0: PPO, in {tmp_path / 'a'}\n")
     assert f"ruffini play --policy {tmp_path / 'a'}" in out
+
+
+def test_success_is_shown_once_every_environment_has_ended_an_episode(tmp_path, capfd):
+    pytest.importorskip("stable_baselines3")
+    # Episodes of at most 40 steps in rollouts of 32: the first ends early, if at all.
+    settings = json.dumps({"tactile": "none", "max_episode_steps": 40})
+    words = ["--steps", 512, *EIGHT, "--settings", settings, "--out", tmp_path / "a"]
+    assert command("train", "HoldStill", *words) == 0
+    bars = capfd.readouterr().err.replace("\r", "\n").splitlines()
+    shown = [[bar for bar in bars if f" {steps}/512" in bar][-1] for steps in (256, 512)]
+    assert "success not known yet" in shown[0], shown
+    assert re.search(r"success \d+%, return \d", shown[1]), shown
 
 
 def test_a_run_goes_on(run, tmp_path, capsys):

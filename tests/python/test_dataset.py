@@ -131,7 +131,7 @@ def test_a_stopped_generation_resumes_with_the_same_bytes(folder, tmp_path):
     assert dataset.generate(tmp_path, threads=1, watch=once, **TINY) is None
     assert [progress.done for progress in seen] == [0, 1]
     assert (seen[1].all, seen[1].frames, seen[1].unsolved) == (2, 2, 0)
-    with pytest.raises(ValueError, match=r"manifest\.json"):
+    with pytest.raises(ValueError, match=r"manifest\.json: .* `ruffini dataset generate` that beg"):
         dataset.open(tmp_path)
     [kept] = tmp_path.glob("shards/*")
     before = kept.stat().st_mtime_ns

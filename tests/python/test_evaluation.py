@@ -56,6 +56,25 @@ def test_a_seed_has_one_episode_in_whichever_batch():
     assert abs(whole["return"] - mean) < 1e-3, (whole["return"], mean)
 
 
+def test_a_function_of_observations_is_a_policy():
+    def grip(observation):
+        return np.full((len(observation["proprio"]), 5), 0.3, np.float32)
+
+    class Grips:
+        """Does the same."""
+
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            return grip(observation), state
+
+    assert evaluate(grip, LIFT, 2, **SHORT) == evaluate(Grips(), LIFT, 2, **SHORT)
+
+
+@pytest.mark.parametrize("policy", [None, "scripted", Still])
+def test_what_is_no_policy_is_told_what_one_needs(policy):
+    with pytest.raises(TypeError, match=r"policy: found .*, expected a policy with predict\("):
+        evaluate(policy, LIFT, 2, **SHORT)
+
+
 @pytest.mark.parametrize("episodes", [0, -1, 1.5, None])
 def test_a_wrong_number_of_episodes_is_named(episodes):
     with pytest.raises(ValueError, match=f"episodes: found {episodes}, expected a whole number"):

@@ -97,7 +97,11 @@ def test_the_scripted_policy_finds_a_hole():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"objects": "sphere"}, "a cuboid, cylinder or prism as peg"),
+        ({"objects": "cup"}, "objects: found cup, expected one of square-peg, round-peg, hexag"),
+        (
+            {"objects": {"shape": "sphere", "radius": 0.006}},
+            "found sphere, radius 0.006 m, expected one of",
+        ),
         (
             {"objects": {"shape": "cylinder", "radius": 0.006, "half_height": 0.05}},
             "expected a peg of 0.0514 to 0.0670 m",

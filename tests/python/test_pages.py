@@ -58,6 +58,8 @@ LEFT = (
     "python policies/train_rllib.py",  # `test_cluster.py` runs it on a cluster, and the next.
     "python policies/report_ray.py",
 )
+JOB = {"SLURM_ARRAY_TASK_ID": "3", "SLURM_CPUS_PER_TASK": "1"}
+"""What Slurm sets in a job of an array."""
 TINY = "truth_nodes = 400\nmodel_nodes = 200\nforce = [1.0, 5.0]\n"
 """Configuration of a dataset that takes seconds."""
 PAGES = [
@@ -99,7 +101,7 @@ def run(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs one command in this process, where models of the gel are made once."""
     if known(command, LEFT):
         return
-    program, *arguments = shlex.split(command)
+    program, *arguments = shlex.split(os.path.expandvars(command))
     arguments += shlex.split(SHORTER.get(known(command, SHORTER), ""))
     with monkeypatch.context() as patch:
         if parsed := known(command, PARSED):
@@ -129,6 +131,8 @@ def root(tmp_path, monkeypatch):
 
     monkeypatch.setattr(sb3.PPO, "learn", stopped)
     (tmp_path / "tiny.toml").write_text(TINY)
+    for name, value in JOB.items():
+        monkeypatch.setenv(name, value)
     monkeypatch.chdir(tmp_path)
     registered = dict(gym.registry)
     yield tmp_path

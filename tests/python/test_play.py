@@ -46,8 +46,10 @@ def test_it_says_what_an_evaluation_says(file):
     assert verdict == commands.play._verdict(result["interval"], (0.851, 0.934))
     # Elsewhere than on a terminal progress is a line a quarter.
     lines = done.stderr.splitlines()
-    assert [text.split(",")[0] for text in lines] == ["0 %", "25 %", "50 %", "75 %", "100 %"]
-    assert lines[-1] == "100 %, 3 of 3 episodes"
+    steps = [f"step {step} of at most 12" for step in (1, 3, 6, 9, 12)]
+    assert [text.split(",")[0] for text in lines] == steps
+    assert lines[0].endswith(", 0 of 3 episodes ended")
+    assert lines[-1].endswith(", 3 of 3 episodes ended")
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,18 @@ def test_the_readme_says_what_the_rows_say(env_id):
     assert f"{says}({page})" in (RESULTS.parents[1] / "README.md").read_text()
 
 
+@pytest.mark.parametrize("env_id", KINDS)
+def test_the_page_of_training_says_how_long_the_runs_of_a_study_took(env_id):
+    rows = [row for row in rows_of(env_id) if row["kind"] == "touch"]
+    minutes = [row["cpu"] / 60 for row in rows]
+    rate = np.median([row["steps"] / row["cpu"] for row in rows])
+    name = env_id.split("/")[-1]
+    assert (
+        f"| [{name.split('-')[0]}](../../policies/results/{name}.md) | {rows[0]['steps']:,} | "
+        f"{np.median(minutes):.1f} | {min(minutes):.1f} to {max(minutes):.1f} | {rate:.0f} |\n"
+    ) in (RESULTS.parents[1] / "py/docs/train.md").read_text()
+
+
 def test_the_readme_says_what_the_quickstart_prints():
     found = agents.load(LIFT).card["evaluation"]["success"]
     assert f"({100 * found:.1f} % here)" in (RESULTS.parents[1] / "README.md").read_text()

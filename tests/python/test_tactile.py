@@ -470,6 +470,8 @@ def test_a_picture_shows_stress_beside_the_scene_and_changes_nothing():
         ({"material": "steel"}, "material: found steel, expected one of tacflex, feats"),
         ({"material": {"young": 1e5}}, "missing field `poisson`"),
         ({"material": {"young": -1.0, "poisson": 0.3}}, "young"),
+        ({"material": {"young": 0.3, "poisson": 0.3}}, r"material.young: .*; it is in Pa: 0.3 MPa"),
+        ({"material": {"young": 300, "poisson": 0.3}}, "; it is in Pa: 300 kPa is 3e5"),
         ({"material": {"young": 1e5, "poisson": 0.6}}, "poisson: found 0.6"),
         ({"material": 3}, "expected a calibration's name or the numbers young and poisson"),
         ({"resolution": {"nodes": 5}}, "resolution.nodes: found 5, expected 100 to"),

@@ -254,7 +254,13 @@ impl SceneConfig {
 impl SoftPads {
     fn validate(&self, gripper: &Gripper) -> Result<()> {
         let outline = self.outline.validated()?;
-        within("pads.young", self.young, [1e3, 1e8])?;
+        within("pads.young", self.young, YOUNG).map_err(|error| match unit_of(self.young) {
+            Some((unit, factor)) => {
+                let pascals = (factor * self.young).round();
+                error.hinting(&format!("it is in Pa: {} {unit} is {pascals:e}", self.young))
+            }
+            None => error,
+        })?;
         let extents = [outline.width, outline.length, outline.thickness];
         let expected = [gripper.pad_width, gripper.pad_length, gripper.pad_thickness];
         if extents == expected {
@@ -429,6 +435,14 @@ impl Workspace {
 /// the catalogue rolls by 1 mm at most until it rests; with 2 ms by 17 mm, with 1/60 s by 42 mm,
 /// and held ones creep.
 const LONGEST_SUBSTEP: f64 = 1.05e-3;
+/// Bounds of a gel's Young's modulus (Pa).
+const YOUNG: [f64; 2] = [1e3, 1e8];
+
+/// Unit in which a Young's modulus that is too low in Pa would be that of a gel, and its size (Pa).
+fn unit_of(young: f64) -> Option<(&'static str, f64)> {
+    let unit = if young < 10.0 { ("MPa", 1e6) } else { ("kPa", 1e3) };
+    (young > 0.0 && young < YOUNG[0]).then_some(unit)
+}
 
 #[cfg(test)]
 mod tests {
@@ -440,6 +454,26 @@ mod tests {
         let (pad, gripper) = (Sensor::named("gelsight-mini").unwrap().outline, Gripper::default());
         let found = [gripper.pad_width, gripper.pad_length, gripper.pad_thickness];
         assert_eq!(found, [pad.width, pad.length, pad.thickness]);
+    }
+
+    #[test]
+    fn a_modulus_in_another_unit_is_told_in_pascals() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let gel = SoftPads::new(&sensor, sensor.calibration(None).unwrap());
+        let message = |young: f64| {
+            let pads = Pads::Soft(SoftPads { young, ..gel });
+            SceneConfig { pads, ..SceneConfig::default() }.validate().unwrap_err().to_string()
+        };
+        let expected = "expected 1000 to 100000000";
+        let found = message(0.3);
+        assert_eq!(
+            found,
+            format!("pads.young: found 0.3, {expected}; it is in Pa: 0.3 MPa is 3e5")
+        );
+        assert!(message(300.0).ends_with("; it is in Pa: 300 kPa is 3e5"), "{}", message(300.0));
+        for young in [-1.0, 0.0, 1e9] {
+            assert!(message(young).ends_with(expected), "{}", message(young));
+        }
     }
 
     #[test]

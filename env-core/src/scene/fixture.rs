@@ -49,8 +49,8 @@ impl Fixture {
                 regular(sides as usize, radius * (PI / f64::from(sides)).cos())
             }
             _ => {
-                let found = format!("{shape:?}");
-                return Err(Error::invalid("objects", found, "a cuboid, cylinder or prism as peg"));
+                let expected = "a cuboid, cylinder or prism as peg";
+                return Err(Error::invalid("objects", shape.name(), expected));
             }
         };
         Ok(Self { walls, height, margin, place: [0.0; 2], yaw: 0.0 })
@@ -125,6 +125,7 @@ mod tests {
         }
         let ball = Shape::Sphere { radius: 0.01 };
         let message = Fixture::around(&ball, 4e-4, 0.02, 0.02).unwrap_err().to_string();
-        assert!(message.contains("a cuboid, cylinder or prism as peg"), "{message}");
+        let expected = "objects: found sphere, expected a cuboid, cylinder or prism as peg";
+        assert_eq!(message, expected);
     }
 }

@@ -15,7 +15,10 @@ const SHORTEST: f64 = 2e-3;
 impl TaskConfig {
     /// Returns an error that names the first setting out of its range.
     pub fn validate(&self) -> Result<()> {
-        self.scene.validate()?;
+        self.scene.validate().map_err(|error| {
+            let of_gel = matches!(&error, Error::Invalid { name, .. } if name == "pads.young");
+            if of_gel { error.renamed("material.young") } else { error }
+        })?;
         for setting in self.clone().settings() {
             setting.validate()?;
         }

@@ -28,6 +28,8 @@ const BESIDE: f64 = 2e-3;
 const INSIDE: f64 = 1e-3;
 /// Height of the tool centre over the fixture (m) that leaves 1 mm between it and the pads.
 const LOWEST: f64 = 0.0137;
+/// Named objects that are pegs.
+const PEGS: [&str; 3] = ["square-peg", "round-peg", "hexagonal-peg"];
 
 /// Settings of the task.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -168,7 +170,7 @@ impl Rules for InsertPeg {
     }
 
     fn adapt(&self, config: &mut TaskConfig) {
-        config.choose_objects(&["square-peg", "round-peg", "hexagonal-peg"]);
+        config.choose_objects(&PEGS);
         config.move_gently();
         let gripper = &mut config.scene.gripper;
         (gripper.max_force, gripper.max_yaw_rate) = (super::config::FIRM_GRIP, 0.5);
@@ -191,7 +193,11 @@ impl Rules for InsertPeg {
         let most = config.start_height[0] - HEIGHT + offset[0];
         for spec in &config.objects {
             let shape = spec.shape()?;
-            Fixture::around(&shape, self.clearance[0], HEIGHT, MARGIN)?;
+            Fixture::around(&shape, self.clearance[0], HEIGHT, MARGIN).map_err(|_| {
+                let named = PEGS.join(", ");
+                let expected = format!("one of {named}, or a cuboid, cylinder or prism as peg");
+                Error::invalid("objects", spec, expected)
+            })?;
             for size in config.size {
                 let half = half_height(&shape.scaled(size));
                 if !(least..=most).contains(&half) {

@@ -562,7 +562,10 @@ def _manifest(folder: Path) -> dict[str, Any]:
     try:
         manifest = read_json(path)
     except FileNotFoundError as error:
-        raise ValueError(f"{path}: {error.strerror}, expected a finished dataset") from error
+        expected = "a finished dataset"
+        if (folder / "config.json").exists():
+            expected += "; the `ruffini dataset generate` that began it, given again, finishes it"
+        raise ValueError(f"{path}: {error.strerror}, expected {expected}") from error
     for name, kind in _OF_A_MANIFEST.items():
         if not isinstance(manifest.get(name), kind):
             raise ValueError(f"{path}: damaged, found no {name}")

@@ -12,7 +12,7 @@ import subprocess
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import gymnasium as gym
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import __version__
 from ruffini._spaces import check_count
+from ruffini.policies import ScriptedPolicy
 
 __all__ = [
     "FIRST_SEED",
@@ -82,7 +83,7 @@ def bootstrap(
 
 
 def evaluate(
-    policy: Policy,
+    policy: Policy | Callable[[Any], NDArray[np.float32]],
     env_id: str,
     episodes: int,
     *,
@@ -93,7 +94,8 @@ def evaluate(
     """Success rate, its interval, return, successes by object, and reasons of early endings.
 
     Args:
-        policy: Policy.
+        policy: Policy, or a function of the observations of N environments that returns their
+            actions (N, 5).
         env_id: Id of the environment.
         episodes: Number of episodes, one per seed.
         first_seed: Seed of the first episode.
@@ -101,9 +103,11 @@ def evaluate(
         **settings: As for ``gymnasium.make_vec``.
 
     Raises:
+        TypeError: If `policy` is neither.
         ValueError: If `episodes` is no whole number from 1, or a setting is invalid.
     """
     check_count("episodes", episodes)
+    acting = _policy(policy)
     envs = gym.make_vec(
         env_id, num_envs=episodes, autoreset_mode=AutoresetMode.DISABLED, **settings
     )
@@ -114,7 +118,7 @@ def evaluate(
     first = np.ones(episodes, bool)
     endings: Counter[str] = Counter()
     while not ended.all():
-        action, state = policy.predict(observation, state, episode_start=first, deterministic=True)
+        action, state = acting.predict(observation, state, episode_start=first, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
         over = (terminated | truncated) & ~ended
@@ -144,6 +148,15 @@ def evaluate(
         "by_object": by_object,
         "endings": dict(sorted(endings.items())),
     }
+
+
+def _policy(policy: Any) -> Policy:
+    if isinstance(policy, type) or not (hasattr(policy, "predict") or callable(policy)):
+        expected = "a policy with predict(observation, state, ...), or a function of observations"
+        raise TypeError(f"policy: found {policy!r}, expected {expected} that returns actions")
+    if hasattr(policy, "predict"):
+        return cast("Policy", policy)
+    return ScriptedPolicy(lambda observation, state: (policy(observation), state))
 
 
 def line(name: str, result: dict[str, Any]) -> str:

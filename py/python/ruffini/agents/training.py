@@ -335,8 +335,10 @@ class RunMonitor(BaseCallback):
 
     def _on_training_start(self) -> None:
         self.saved = self.num_timesteps
+        self.ended = np.zeros(self.training_env.num_envs, bool)
 
     def _on_step(self) -> bool:
+        self.ended |= self.locals["dones"]
         return True
 
     def _on_rollout_start(self) -> None:
@@ -345,6 +347,7 @@ class RunMonitor(BaseCallback):
     def _on_rollout_end(self) -> None:
         self.collected += time.monotonic() - self.begun
         self.bar.update(self.num_timesteps - self.bar.n)
+        shown = "success not known yet"
         episodes = list(self.model.ep_info_buffer or ())
         if episodes:
             seconds = self.before + time.monotonic() - self.started
@@ -352,7 +355,11 @@ class RunMonitor(BaseCallback):
             mean_return = float(np.mean([episode["r"] for episode in episodes]))
             point = {"steps": self.num_timesteps, "seconds": round(seconds, 2)}
             self.curve.append(point | {"success": success, "return": round(mean_return, 3)})
-            self.bar.set_postfix_str(f"success {success:.0%}, return {mean_return:.1f}")
+            # Episodes that end early have failed: until every row has ended one, a success rate
+            # would be theirs alone.
+            if self.ended.all():
+                shown = f"success {success:.0%}, return {mean_return:.1f}"
+        self.bar.set_postfix_str(shown)
         if self.num_timesteps - self.saved >= self.bar.total / 10:
             self.save()
 

@@ -148,20 +148,21 @@ def evaluated(chosen: Chosen, episodes: int, seed: int, threads: int | None) -> 
 
 
 class Bar:
-    """Progress bar on a terminal; elsewhere one line per quarter."""
+    """Progress bar on a terminal, elsewhere one line per quarter: episodes are stepped together."""
 
     def __init__(self, env_id: str, settings: dict[str, Any]) -> None:
         limit = settings.get("max_episode_steps") or gym.spec(env_id).max_episode_steps
-        self._limit, self._shown = limit or 1, ""
+        self._limit, self._shown = limit or 1, -1
 
     def __call__(self, finished: int, episodes: int, steps: int) -> None:
         """Show how far the evaluation is; a callback as `ruffini.evaluation.ProgressCallback`."""
         share = 1.0 if finished == episodes else min(steps / self._limit, 0.99)
-        done = f"{finished} of {counted(episodes, 'episode')}"
+        ended = f"{finished} of {counted(episodes, 'episode')} ended"
+        done = f"step {steps} of at most {self._limit}, {ended}"
         if sys.stderr.isatty():
             full = int(share * _WIDTH)
-            bar = f"[{'#' * full}{'.' * (_WIDTH - full)}] {share:4.0%}  {done}"
+            bar = f"[{'#' * full}{'.' * (_WIDTH - full)}] {done}"
             print(f"\r{bar}", end="\n" if share == 1.0 else "", file=sys.stderr, flush=True)
-        elif (quarter := f"{25 * int(4 * share)} %") != self._shown:
+        elif (quarter := int(4 * share)) != self._shown:
             self._shown = quarter
-            print(f"{quarter}, {done}", file=sys.stderr, flush=True)
+            print(done, file=sys.stderr, flush=True)
