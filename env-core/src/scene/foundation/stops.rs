@@ -8,7 +8,7 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Isometry3, Matrix3, Point3, SMatrix, SVector, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, SMatrix, SVector, Translation3, Vector3};
 use rapier3d::{
     parry::{
         bounding_volume::BoundingVolume,
@@ -25,6 +25,9 @@ pub(super) type Velocities<const N: usize> = SVector<f64, N>;
 
 /// Distance below which a point takes part (m): twice what a peg moves in a Rapier step.
 const NEAR: f64 = 2e-4;
+/// Overlap that no object reaches (m), and by how much one is lifted for a second look (m).
+const DEEPEST: f64 = 5e-3;
+const LIFT: f64 = 1e-6;
 /// Share of an overlap that is removed in one step.
 const RECOVERY: f64 = 0.3;
 /// Compliance of a contact point (m/N), which decides how points share a load.
@@ -67,18 +70,25 @@ pub(super) fn stops<'a>(
         if !solid.local_aabb().intersects(&reach) {
             continue;
         }
-        manifolds.clear();
-        let found = DefaultQueryDispatcher.contact_manifolds(
-            &seen,
-            &solid,
-            object.shape(),
-            units::scalar(NEAR),
-            &mut manifolds,
-            &mut None,
-        );
-        if found.is_err() {
+        // Polyhedra that only just touch are now and then found to overlap by all of their lengths.
+        // Nearby they are not.
+        let lifts = [0.0, LIFT, -LIFT, 2.0 * LIFT];
+        let Some(lift) = lifts.into_iter().find(|&lift| {
+            let lifted = Translation3::new(0.0, 0.0, lift) * pose;
+            manifolds.clear();
+            let found = DefaultQueryDispatcher.contact_manifolds(
+                &units::pose(&part.inv_mul(&lifted)),
+                &solid,
+                object.shape(),
+                units::scalar(NEAR),
+                &mut manifolds,
+                &mut None,
+            );
+            let mut points = manifolds.iter().flat_map(|manifold| &manifold.points);
+            found.is_ok() && points.all(|point| units::si(point.dist) > -DEEPEST)
+        }) else {
             continue;
-        }
+        };
         for manifold in &manifolds {
             let normal = units::si_angular(manifold.local_n1);
             // Faces behind the walls and between neighbours are inside the block.
@@ -88,11 +98,8 @@ pub(super) fn stops<'a>(
             let normal = part.rotation * normal;
             for point in manifold.points.iter().filter(|p| units::si(p.dist) < NEAR) {
                 let place = part * Point3::from(units::si_vector(point.local_p1));
-                stops.push(FixtureContact::new(
-                    place.coords - center,
-                    normal,
-                    units::si(point.dist),
-                ));
+                let gap = units::si(point.dist) - lift * normal.z;
+                stops.push(FixtureContact::new(place.coords - center, normal, gap));
             }
         }
     }
@@ -244,5 +251,54 @@ impl<const N: usize> PointResponse<N> {
         let across = 0.5 * (own[(1, 1)] + own[(2, 2)])
             + (0.25 * (own[(1, 1)] - own[(2, 2)]).powi(2) + own[(1, 2)].powi(2)).sqrt();
         Self { motion, along: own[(0, 0)], across }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::{
+        geometry::Shape,
+        scene::{Fixture, ObjectModel},
+    };
+
+    #[test]
+    fn a_peg_that_just_touches_its_block_does_not_overlap_it() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let square = Shape::Cuboid { half_extents: Vector3::new(0.006, 0.006, 0.03) };
+        let hexagonal = Shape::Prism { sides: 6, radius: 0.007, half_height: 0.03 };
+        for shape in [square, hexagonal] {
+            let model = ObjectModel::new(shape).unwrap();
+            let fixture = Fixture::around(model.shape(), 1e-3, 0.02, 0.02).unwrap();
+            let boxes = fixture.boxes();
+            let mut collider = model.scaled(1.0).unwrap().build();
+            let mut count = 0;
+            for _ in 0..200_000 {
+                let mut draw = || rng.random_range(-1.0..1.0);
+                let tilt = Vector3::new(0.1 * draw(), 0.1 * draw(), 0.3 * draw());
+                let turn = UnitQuaternion::from_scaled_axis(tilt);
+                let tip = model.surface().vertices().iter().map(|place| turn * place.coords);
+                let tip = tip.min_by(|a, b| a.z.total_cmp(&b.z)).unwrap();
+                // Just about the edge of the hole.
+                let (part, half) = &boxes[(2.5 + 2.5 * draw()) as usize % boxes.len()];
+                let edge = part * Point3::new(-half.x, 0.4 * half.y * draw(), half.z);
+                let place = edge.coords - tip + 2e-6 * Vector3::from_fn(|_, _| draw());
+                let pose = Isometry3::from_parts(place.into(), turn);
+                collider.set_position(units::pose(&pose));
+                let stops = stops(boxes.iter(), &collider, &place);
+                count += usize::from(!stops.is_empty());
+                let deepest = stops.iter().map(|stop| stop.gap).fold(0.0, f64::min);
+                assert!(
+                    deepest > -1e-4,
+                    "{} overlaps by {deepest} m at {pose}",
+                    model.shape().name()
+                );
+            }
+            assert!(count > 1000, "touched {count} times");
+        }
     }
 }
