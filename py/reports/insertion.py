@@ -296,8 +296,8 @@ Force by peg, with the network: median / 95th percentile, in %.
 {by_peg}
 
 A round peg in the air is felt as the goal wants. A hexagonal peg settles in the hand over the first
-few control steps of an episode, in which the worst of its errors lie when it is *held*. Why square
-and hexagonal pegs are felt worse when they slide out of a *loosened* grip was not examined. That
+few control steps of an episode, in which the worst of its errors lie when it is *held*. Why
+hexagonal pegs are felt worse when they slide out of a *loosened* grip was not examined. That
 *aside* is 0.1 mm for the rigid bodies where a peg only leans says how near that comparison comes.
 
 {trembles}
