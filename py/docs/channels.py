@@ -242,9 +242,9 @@ def figures() -> dict[str, Figure]:
         strict=True,
     )
     slip = zip(PADS, films["slip"][:-1, :, 0].T, strict=True)
-    trust = zip(
-        ("unbalanced force (N)", "its share", "1 if deeper than calibrated"),
-        films["trust"][:-1, 0].T,
+    predicted = zip(
+        ("displacement", "stress", "force"),
+        100 * films["predicted_error"][:-1, 0].T,
         strict=True,
     )
     return {
@@ -261,7 +261,7 @@ def figures() -> dict[str, Figure]:
         "tet_stress": tet_stress(now["tet_stress"]),
         "wrench": curves(dict(force), grip, "force on the pad on -x (N)"),
         "slip": curves(dict(slip), grip, "share of the force that slides"),
-        "trust": curves(dict(trust), grip, "of the pad on -x"),
+        "predicted_error": curves(dict(predicted), grip, "predicted error of the pad on -x (%)"),
     }
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from engine import COLOURS, Rows, filled, made, plt, run, table, text
 from engine.pages import Column
-from paths_cases import HELD, cycle, deeper, drag, pull, ripple, trust
+from paths_cases import cycle, deeper, drag, pull, ripple
 
 MADE_OF = ["env-core", "py/reports/paths_cases.py"]
 COARSE, FINER, FINEST = (f"Fem p1-bar {nodes}" for nodes in (800, 1500, 2500))
@@ -24,7 +24,6 @@ USUAL = (COARSE, FINER, QUADRATIC, LINEAR, NETWORK)
 FEW = (COARSE, FINER, LINEAR, NETWORK)
 FEWER = (COARSE, LINEAR, NETWORK)
 QUICK = (COARSE, LINEAR)
-TOUCH = ("surrogate", "compliance")
 Variant = tuple[tuple[str, ...], tuple[Any, ...]]
 CASES: dict[str, tuple[Callable[..., dict[str, Any]], dict[str, Variant]]] = {
     "drag": (
@@ -40,10 +39,6 @@ CASES: dict[str, tuple[Callable[..., dict[str, Any]], dict[str, Variant]]] = {
     "cycle": (cycle, {f"friction {mu:g}": (FEWER, (mu,)) for mu in (0.0, 0.8)}),
     "ripple": (ripple, {f"{d} mm": (USUAL, (1e-3 * d,)) for d in (0.2, 0.5)}),
     "pull": (pull, {"ball": ((COARSE, FINER, FINEST, PLAIN, QUADRATIC, LINEAR, NETWORK), ())}),
-    "trust": (
-        trust,
-        {f"{shape}, friction {mu}": (TOUCH, (shape, mu)) for shape in HELD for mu in (0.8, 0.25)},
-    ),
 }
 """Of each case its function, and variants with their models and arguments."""
 
@@ -65,7 +60,7 @@ def make(options: Namespace) -> dict[str, Any]:
         for case, (function, variants) in CASES.items()
         for variant, (models, arguments) in variants.items()
         for name in models
-        if name in (*QUICK, *TOUCH) or not options.quick
+        if name in QUICK or not options.quick
     }
     run(rows, {": ".join(keys): call for keys, call in asked.items()})
     by_key = {row["key"]: row for row in rows}
@@ -142,15 +137,6 @@ force.
 
 {pull_told}
 
-## The channel `trust` where nothing is wrong
-
-Objects hang still between the fingers in HoldStill. *Residual* is the second number of `trust`, the
-residual of equilibrium over the sum of residual and contact force.
-
-{trust}
-
-{trust_told}
-
 {made}"""
 
 
@@ -192,9 +178,6 @@ such a way, use the network, the linear pad or quadratic elements.""",
     "pull": """Contact points of `p1-bar` lie on a face that is smoothed between nodes, and hand
 their force to the nodes around with weights of both signs. Its sum and its torque are exact, but
 single nodes pull as if the gel stuck to the ball. `p1` and `p2` show none of it here.""",
-    "trust": """With the network {floor:.2f} to {ceiling:.2f} are no sign that something is wrong:
-the residual is taken on the pad's own coarse mesh, where the right displacement is not in
-equilibrium either. It depends on the object. Only its changes tell something.""",
 }
 """Text under the tables."""
 
@@ -223,11 +206,10 @@ def told_of(words: str, cases: dict[str, Any]) -> str:
         solved = {of: row for of, row in cases["drag"].get(variant, {}).items() if "change" in row}
         figures[name] = {of: row["change"]["displacement"] for of, row in solved.items()}
         figures[f"loop_{name}"] = {of: row["work of pressing"] for of, row in solved.items()}
-    still = [row["surrogate"]["residual"] for row in cases["trust"].values()]
     ripples = cases["ripple"].get("0.5 mm", {})
     deep = {name: row["peak to peak"] for name, row in ripples.items() if "peak to peak" in row}
     try:
-        return text(words, figures | {"ripple": deep, "floor": min(still), "ceiling": max(still)})
+        return text(words, figures | {"ripple": deep})
     except KeyError:
         return ""
 
@@ -238,7 +220,6 @@ FORMS = {
     "deeper": "{largest[displacement]:100*.1f} / {largest[force]:100*.1f}",
     "cycle": "{lost:100*.1f} %",
     "ripple": "{peak to peak:100*.1f} %",
-    "trust": "{residual:.2f}",
 }
 """Cells of tables with a column for each variant."""
 DRAGGED: dict[str, Column] = {

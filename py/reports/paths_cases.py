@@ -10,7 +10,6 @@ from functools import cache, wraps
 from itertools import pairwise
 from typing import Any, Literal
 
-import gymnasium
 import numpy as np
 
 import ruffini
@@ -31,12 +30,6 @@ ELEMENTS: dict[str, tuple[Literal["p1", "p1-bar", "p2"], int]] = {
 }
 """Element and nodes that are asked for; the graded mesh is finest under the block's edges."""
 FAST = {"LinearPad": LinearPad, "Surrogate": Surrogate}
-HELD: dict[str, dict[str, Any]] = {
-    "sphere": {"shape": "sphere", "radius": 0.02},
-    "cuboid": {"shape": "cuboid", "half_extents": [0.015, 0.02, 0.02]},
-    "cylinder": {"shape": "cylinder", "radius": 0.015, "half_height": 0.02},
-}
-"""Objects that hang still."""
 HALF = np.array([3e-3, 2e-3, 2e-3])
 """Half the edges of the block (m)."""
 BESIDE = np.array([1e-3, -1e-3])
@@ -204,26 +197,3 @@ def pull(name: str) -> Row:
         "pulling": float(normal[normal > 0].sum() / -answer.wrench[2]),
         "sum": float(abs(1 - normal.sum() / answer.wrench[2])),
     }
-
-
-@case
-def trust(tactile: str, shape: str, friction: float) -> Row:
-    """The share of the residual in the channel `trust` of an object that hangs still."""
-    env = gymnasium.make(
-        "ruffini/HoldStill-v0",
-        objects=[HELD[shape]],
-        observation=["trust"],
-        tactile=tactile,
-        mass=0.15,
-        friction=friction,
-        load=0.0,
-        shaking=0.0,
-        size=1.0,
-    )
-    env.reset(seed=0)
-    for _ in range(25):
-        observation, _, ended, _, info = env.step(np.zeros(5, np.float32))
-        if ended:
-            return {"failed": info["ending"]}
-    env.close()
-    return {"residual": float(observation["trust"].reshape(2, 3)[0, 1])}

@@ -39,7 +39,6 @@ COUNT = 4
 BASE = ["proprio", "object"]
 MARKERS = [*BASE, "markers"]
 TOUCH = [*MARKERS, "stress", "tet_stress", "traction", "slip", "displacement", "depth", "image"]
-TOUCH += ["trust"]
 OMITTED = ("displacement", "stress", "tet_stress", "depth", "image")
 """Channels that a scene leaves out; with `stress`, `tet_stress` too, which needs the same stress of
 the gel."""
@@ -62,7 +61,7 @@ SCENES: dict[str, dict[str, Any]] = {
         | {"observation": [name for name in TOUCH if not name.endswith(channel)]}
         for channel in OMITTED
     },
-    FULL: NETWORK | {"observation": TOUCH},
+    FULL: NETWORK | {"observation": [*TOUCH, "predicted_error"]},
     **{
         name: NETWORK | {"observation": [*BASE, "image"], "resolution": {"image": pixels}}
         for name, pixels in PICTURES.items()

@@ -28,7 +28,7 @@ COUNT = 32
 REPLAYED = 20
 """Steps that are played twice."""
 EVERYTHING = ["proprio", "object", "markers", "stress", "traction", "wrench", "slip", "depth"]
-EVERYTHING += ["displacement", "trust"]
+EVERYTHING += ["displacement", "predicted_error"]
 PARTS: dict[str, tuple[str, int, dict[str, Any]]] = {
     "lift, rigid": ("GraspLift", 410_000, {"tactile": "none"}),
     "lift, network": ("GraspLift", 150_000, {}),

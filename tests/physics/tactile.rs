@@ -6,7 +6,9 @@ use std::slice;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
-    deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody, Wrench},
+    deformation::{
+        Deformation, DeformationModel, History, Law, Moduli, PredictedError, Press, SoftBody, Wrench,
+    },
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},
     sensor::{ImageResponse, Sensor},
@@ -454,12 +456,13 @@ fn beside_the_sides_a_force_leans_as_by_finite_elements() {
 }
 
 #[test]
-fn a_press_past_half_of_the_thickness_is_flagged() {
+fn predicted_errors_are_those_of_the_model() {
     let tip = tip("gelsight-mini", coarse());
-    for (shift, flag) in [(1.99 * MM, 0.0), (2.01 * MM, 1.0)] {
-        let felt = displaced(&tip.body, |_| Vector3::new(shift, 0.0, 0.0));
-        assert_eq!(Channel::Trust.read(&tip.skin, Some(&felt), &[])[2], flag, "{shift} m");
-    }
+    let mut felt = displaced(&tip.body, |_| Vector3::new(0.1 * MM, 0.0, 0.0));
+    felt.predicted_error = Some(PredictedError { displacement: 0.1, stress: 0.2, force: 0.05 });
+    let read = |answer| Channel::PredictedError.read(&tip.skin, answer, &[]);
+    assert_eq!(read(Some(&felt)), [0.1, 0.2, 0.05]);
+    assert_eq!(read(None), [0.0; 3]);
 }
 
 #[test]

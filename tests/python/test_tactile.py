@@ -22,7 +22,7 @@ SENSORS = Path(__file__).parents[2] / "env-core/assets/sensors"
 COARSE = {"nodes": 300}
 COMPLIANT: dict[str, Any] = {"tactile": "compliance", "resolution": COARSE}
 FELT = ["markers", "marker_pixels", "displacement", "stress", "tet_stress", "traction", "wrench"]
-FELT += ["slip", "trust"]
+FELT += ["slip"]
 OVER_OBJECT: dict[str, Any] = {
     "objects": "sphere",
     "position": 0.0,
@@ -36,6 +36,8 @@ def everything(**settings: Any) -> dict[str, Any]:
     channels = [*SHARED_CHANNELS, *ruffini.TACTILE_CHANNELS]
     if settings.get("sensor") == "digit":
         channels.remove("image")
+    if settings.get("tactile", "compliance") != "surrogate":
+        channels.remove("predicted_error")
     return {**OVER_OBJECT, "observation": channels, **settings}
 
 
@@ -333,13 +335,31 @@ def test_drift_starts_at_each_reset_and_is_what_is_set_after_a_second():
     np.testing.assert_allclose(drift[:, 25].std(), 1e-5, rtol=0.1)
 
 
+def test_the_network_predicts_its_errors_and_other_models_refuse_to():
+    settings: dict[str, Any] = {"observation": ["wrench", "predicted_error"], "objects": "sphere"}
+    env = gym.make("ruffini/GraspLift-v0", **settings)
+    observation, _ = env.reset(seed=0)
+    assert not observation["predicted_error"].any()
+    held = gym.make("ruffini/HoldStill-v0", **settings, load=0.0, shaking=0.0)
+    held.reset(seed=0)
+    for _ in range(5):
+        observation = held.step(np.zeros(5, np.float32))[0]
+    errors = observation["predicted_error"].reshape(2, 3)
+    assert (errors > 1e-3).all()
+    assert (errors < 1).all()
+    for tactile in ("fem", "compliance"):
+        with pytest.raises(ValueError, match="only model that predicts") as refused:
+            gym.make("ruffini/GraspLift-v0", **settings, tactile=tactile, resolution=COARSE)
+        assert "predicted_error" in str(refused.value)
+
+
 def test_errors_by_quantity_are_of_it_alone():
     errors = {
         "wrench": {"noise": {"force": 0.02, "torque": 1e-4}, "gain": {"torque": (1.5, 2.0)}},
-        "trust": {"offset": {"residual": 0.1}},
+        "object": {"offset": {"rise": 0.1}},
         "proprio": {"noise": {"grip": 0.5}},
     }
-    channels = {"wrench": 6, "trust": 3, "proprio": 14}
+    channels = {"wrench": 6, "object": 16, "proprio": 14}
     settings: dict[str, Any] = {"objects": "sphere", "observation": [*channels], **COMPLIANT}
     settings |= {"start_grip": 8.0, "friction": 0.9, "max_episode_steps": 1000}
 
@@ -368,7 +388,7 @@ def test_errors_by_quantity_are_of_it_alone():
         rest = ours[:, pad] - (gain - 1) * torque[:, pad]
         assert rest.std() == pytest.approx(1e-4, rel=0.15)
     changed = {name: (of != 0).any(axis=(0, 1)) for name, of in found.items()}
-    assert changed["trust"].tolist() == [True, False, False]
+    assert np.flatnonzero(changed["object"]).tolist() == [15]
     assert np.flatnonzero(changed["proprio"]).tolist() == [11]
     # The same for all quantities is that of the channel, to the bit.
     one, two = (0.1, 0.2), {"force": (0.1, 0.2), "torque": (0.1, 0.2)}

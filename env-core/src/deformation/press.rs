@@ -132,6 +132,11 @@ pub struct PredictedError {
     pub force: f64,
 }
 
+impl PredictedError {
+    /// Greatest error that is predicted.
+    pub const MOST: f64 = 3.0;
+}
+
 /// Parts of a solution that cost extra.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {

@@ -33,7 +33,7 @@ use crate::{
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Choice, SoftObject, TactileModel, TactilePad},
+    tactile::{Channel, Choice, Model, SoftObject, TactileModel, TactilePad},
     task::{EpisodeParameters, ObservationLayout, TaskConfig},
 };
 
@@ -56,6 +56,7 @@ impl Setup {
         let models = guarded(|| config.models()).flatten()?;
         let tactile = tactile_model(&config, &models)?;
         let layout = ObservationLayout::new(&config, tactile.pads().map(|pad| &**pad.skin()))?;
+        check_predicted(&layout, &tactile)?;
         let fingerprint = snapshot::fingerprint(&config)?;
         let setup = Self { config, layout, models, tactile, fingerprint };
         episode::check_starts(&setup)?;
@@ -89,14 +90,11 @@ impl Setup {
 
     /// Optional parts of a solution that the observation or the task needs.
     pub fn wanted(&self) -> Wanted {
-        let channels = self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
+        let mut channels =
+            self.layout.channels().iter().filter_map(|(name, _)| Channel::named(name));
         let is_soft = matches!(self.tactile, TactileModel::Objects(_));
         let stress = is_soft || self.config.task.limits_pad_stress();
-        let task = Wanted { stress, residual: false };
-        channels.map(Channel::wants).fold(task, |all, more| Wanted {
-            stress: all.stress || more.stress,
-            residual: all.residual || more.residual,
-        })
+        Wanted { stress: stress || channels.any(Channel::is_of_stress), residual: false }
     }
 
     /// Body that deforms where the fingers touch, with its model.
@@ -123,6 +121,21 @@ fn tactile_model(config: &TaskConfig, models: &[ObjectModel]) -> Result<TactileM
     let object =
         |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, material.poisson);
     models.iter().map(object).collect::<Result<_>>().map(TactileModel::Objects)
+}
+
+/// Returns an error if errors are observed that `tactile` does not predict.
+fn check_predicted(layout: &ObservationLayout, tactile: &TactileModel) -> Result<()> {
+    let channel = Channel::PredictedError.name();
+    let Some(pad) = tactile.pads() else { return Ok(()) };
+    let is_observed = layout.channels().iter().any(|(name, _)| *name == channel);
+    if !is_observed || pad.model().predicts_errors() {
+        return Ok(());
+    }
+    let (found, expected) = match pad.model() {
+        Model::Surrogate(_) => ("weights whose card has no error model", "the shipped network"),
+        model => (model.name(), "\"surrogate\", the only model that predicts its errors"),
+    };
+    Err(Error::invalid("tactile", found, format!("{expected}, for the channel {channel}")))
 }
 
 /// Result of `act`, or an [`Error::Panicked`] if it panics, as Rapier does if one of its internal

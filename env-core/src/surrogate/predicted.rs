@@ -21,7 +21,7 @@ const QUANTILE: f64 = 0.95;
 const STEPS: usize = 4000;
 const RATE: f64 = 0.05;
 /// Least and greatest predicted error.
-const RANGE: [f64; 2] = [1e-3, 3.0];
+const RANGE: [f64; 2] = [1e-3, PredictedError::MOST];
 /// Ratio of the network's predicted error to the linear solution's from which nothing is corrected.
 const TRUSTED: f64 = 1.5;
 

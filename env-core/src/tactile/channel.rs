@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 
 use super::{config::Resolution, imprint::RaisedFace, skin::Skin, traction};
 use crate::{
-    deformation::{Deformation, Wanted},
+    deformation::{Deformation, PredictedError},
     geometry::Shape,
 };
 
@@ -38,8 +38,8 @@ pub enum Channel {
     Depth,
     /// Colours of the face in the camera's view.
     Image,
-    /// Measures of the solution's reliability.
-    Trust,
+    /// Relative errors that the model predicts of its own solution.
+    PredictedError,
 }
 
 /// Group of entries of a channel with the same unit and bounds.
@@ -65,11 +65,8 @@ const MOST_STRESS: f64 = 25.0;
 /// Bound of the stress of single tetrahedra, in Young's moduli: one that an edge folds has many
 /// times the mean over a cell of the grid.
 const MOST_TET_STRESS: f64 = 1000.0;
-/// Bound of force (N), torque (N m) and unbalanced force (N).
+/// Bound of force (N) and torque (N m).
 const MOST_FORCE: f64 = 5000.0;
-/// Displacement above which a solution counts as out of range, in pad thicknesses: the forces used
-/// to calibrate gels were measured up to an indentation of 2 mm in a gel of 4 mm (FEATS).
-const CALIBRATED: f64 = 0.5;
 
 impl Channel {
     /// All channels, in the order of the table.
@@ -84,7 +81,7 @@ impl Channel {
         Self::Slip,
         Self::Depth,
         Self::Image,
-        Self::Trust,
+        Self::PredictedError,
     ];
 
     /// Name in the settings.
@@ -100,7 +97,7 @@ impl Channel {
             Self::Slip => "slip",
             Self::Depth => "depth",
             Self::Image => "image",
-            Self::Trust => "trust",
+            Self::PredictedError => "predicted_error",
         }
     }
 
@@ -117,7 +114,9 @@ impl Channel {
             Self::Slip => "share of the normal force carried where the pad slides",
             Self::Depth => "height of the face over the camera's view (m)",
             Self::Image => "red, green and blue that the sensor's camera sees (0 to 1)",
-            Self::Trust => "unbalanced force (N), its share, 1 if deeper than gels are calibrated",
+            Self::PredictedError => {
+                "relative errors of displacement, stress and force that 19 of 20 stay below"
+            }
         }
     }
 
@@ -137,7 +136,7 @@ impl Channel {
             Self::Slip => "1".to_owned(),
             Self::Depth => map(depth),
             Self::Image => map(image) + " x 3",
-            Self::Trust => "3".to_owned(),
+            Self::PredictedError => "3".to_owned(),
         }
     }
 
@@ -157,15 +156,14 @@ impl Channel {
             | Self::Wrench
             | Self::Slip
             | Self::Depth
-            | Self::Trust => 1,
+            | Self::PredictedError => 1,
         }
     }
 
-    /// Optional parts of a solution that this channel needs.
-    pub const fn wants(self) -> Wanted {
-        let (stress, residual) = match self {
-            Self::Stress | Self::TetStress => (true, false),
-            Self::Trust => (false, true),
+    /// Returns whether this channel needs the stress, an optional part of a solution.
+    pub const fn is_of_stress(self) -> bool {
+        match self {
+            Self::Stress | Self::TetStress => true,
             Self::Markers
             | Self::MarkerPixels
             | Self::Displacement
@@ -173,9 +171,9 @@ impl Channel {
             | Self::Wrench
             | Self::Slip
             | Self::Depth
-            | Self::Image => (false, false),
-        };
-        Wanted { stress, residual }
+            | Self::Image
+            | Self::PredictedError => false,
+        }
     }
 
     /// Components of this channel for one finger.
@@ -237,10 +235,10 @@ impl Channel {
                     "",
                 )]
             }
-            Self::Trust => vec![
-                spec("unbalanced force", vec![1], 0.0, MOST_FORCE, "N"),
-                spec("its share of unbalanced and contact force", vec![1], 0.0, 1.0, ""),
-                spec("1 if pressed deeper than gels are calibrated", vec![1], 0.0, 1.0, ""),
+            Self::PredictedError => vec![
+                spec("predicted error of the displacement", vec![1], 0.0, PredictedError::MOST, ""),
+                spec("predicted error of the stress", vec![1], 0.0, PredictedError::MOST, ""),
+                spec("predicted error of the force", vec![1], 0.0, PredictedError::MOST, ""),
             ],
         }
     }
@@ -295,7 +293,11 @@ impl Channel {
                 let objects: Vec<_> = shapes.iter().copied().zip(&answer.poses).collect();
                 skin.view.imprint(&skin.face, answer, &objects, raised).heights
             }
-            (Self::Trust, Some(answer)) => trust(skin, answer).into(),
+            (Self::PredictedError, Some(answer)) => {
+                let PredictedError { displacement, stress, force } =
+                    answer.predicted_error.unwrap_or_default();
+                vec![displacement, stress, force]
+            }
         }
     }
 }
@@ -316,16 +318,4 @@ fn stress(skin: &Skin, deformation: &Deformation) -> Vec<f64> {
         shares.iter().map(|&(tet, share)| deformation.von_mises[tet as usize] * share).sum()
     };
     skin.stress.iter().map(at).collect()
-}
-
-/// Unbalanced force (N), its share of the sum of unbalanced and contact force, and 1 if the press
-/// is out of range.
-fn trust(skin: &Skin, deformation: &Deformation) -> [f64; 3] {
-    let contact = deformation.contact_force.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
-    let all = deformation.residual + contact;
-    let share = if all > 0.0 { deformation.residual / all } else { 0.0 };
-    let most = CALIBRATED * skin.face.thickness();
-    let moved = skin.free.iter().map(|&node| deformation.displacement[node as usize].norm());
-    let out_of_range = moved.fold(0.0, f64::max) > most;
-    [deformation.residual, share, f64::from(u8::from(out_of_range))]
 }

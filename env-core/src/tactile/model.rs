@@ -192,6 +192,14 @@ impl Model {
         Ok(Some((model, pad, body)))
     }
 
+    /// Returns whether solutions come with predicted errors.
+    pub fn predicts_errors(&self) -> bool {
+        match self {
+            Self::Surrogate(network) => network.card().predicted.is_some(),
+            Self::Linear(_) | Self::Fem(_) => false,
+        }
+    }
+
     /// Name in the settings.
     pub fn name(&self) -> &'static str {
         match self {

@@ -123,7 +123,7 @@ pub(super) fn quantities(channel: &str) -> &'static [(&'static str, usize)] {
         "properties" => &[("mass", 1), ("friction", 1), ("size", 3)],
         "squeeze" => &[("deformation", 1), ("stress", 2)],
         "insertion" => &[("position", 3), ("yaw", 1), ("force", 3)],
-        "trust" => &[("residual", 1), ("residual_ratio", 1), ("is_large", 1)],
+        "predicted_error" => &[("displacement", 1), ("stress", 1), ("force", 1)],
         _ => &[],
     }
 }
