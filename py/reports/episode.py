@@ -1,7 +1,7 @@
-"""One episode with every model of touch, half an hour on one thread.
+"""One episode with every model of touch, forty minutes on one thread.
 
 The scripted policy grasps, lifts and holds, or keeps hold of what is shaken, with
-``tactile="fem"`` on a mesh of 2,000 nodes; the same actions are then played with the other models,
+``tactile="fem"`` on a mesh of 4,700 nodes; the same actions are then played with the other models,
 so that the model alone differs, with its effect on the motion. A quiet hold of 60 s
 shows whether any of them creeps. --quick plays one episode on a coarse mesh.
 """
@@ -45,7 +45,7 @@ GRIP = 4.0
 """Grip force of a hold (N)."""
 LIGHT = 0.5
 """Net force on the pads together under which a step is not judged (N)."""
-FINE, COARSE = 2000, 1000
+FINE, COARSE = 4700, 1000
 """Nodes of the truth, and of the meshes that other models answer on."""
 
 
