@@ -261,7 +261,7 @@ def figures() -> dict[str, Figure]:
         "tet_stress": tet_stress(now["tet_stress"]),
         "wrench": curves(dict(force), grip, "force on the pad on -x (N)"),
         "slip": curves(dict(slip), grip, "share of the force that slides"),
-        "predicted_error": curves(dict(predicted), grip, "predicted error of the pad on -x (%)"),
+        "predicted_error": curves(dict(predicted), grip, "predicted error (%)"),
     }
 
 
