@@ -7,7 +7,8 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
     deformation::{
-        Deformation, DeformationModel, History, Law, Moduli, PredictedError, Press, SoftBody, Wrench,
+        Deformation, DeformationModel, History, Law, Moduli, PredictedError, Press, SoftBody,
+        Wrench,
     },
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},

@@ -160,6 +160,24 @@ impl Channel {
         }
     }
 
+    /// Quantities of a channel that has several, in the order of its entries for one finger, and
+    /// the number of entries of each.
+    pub const fn quantities(self) -> &'static [(&'static str, usize)] {
+        match self {
+            Self::Wrench => &[("force", 3), ("torque", 3)],
+            Self::PredictedError => &[("displacement", 1), ("stress", 1), ("force", 1)],
+            Self::Markers
+            | Self::MarkerPixels
+            | Self::Displacement
+            | Self::Stress
+            | Self::TetStress
+            | Self::Traction
+            | Self::Slip
+            | Self::Depth
+            | Self::Image => &[],
+        }
+    }
+
     /// Returns whether this channel needs the stress, an optional part of a solution.
     pub const fn is_of_stress(self) -> bool {
         match self {

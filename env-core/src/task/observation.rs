@@ -42,6 +42,54 @@ impl StateChannel {
     pub const SHARED: [Self; 5] =
         [Self::Proprio, Self::Object, Self::Wrench, Self::Properties, Self::Time];
 
+    /// All channels, those of single tasks last.
+    pub(super) const ALL: [Self; 11] = [
+        Self::Proprio,
+        Self::Object,
+        Self::Wrench,
+        Self::Properties,
+        Self::Time,
+        Self::StressRatio,
+        Self::StressLimit,
+        Self::Squeeze,
+        Self::Deformation,
+        Self::Insertion,
+        Self::Distractors,
+    ];
+
+    /// Quantities of a channel that has several, in the order of its entries, and the number of
+    /// entries of each; those of one pad where each has its own.
+    pub(super) const fn quantities(self) -> &'static [(&'static str, usize)] {
+        match self {
+            Self::Proprio => &[
+                ("position", 3),
+                ("yaw", 2),
+                ("velocity", 3),
+                ("yaw_rate", 1),
+                ("opening", 1),
+                ("opening_rate", 1),
+                ("grip", 1),
+                ("pad_force", 2),
+            ],
+            Self::Object => &[
+                ("position", 3),
+                ("rotation", 6),
+                ("velocity", 3),
+                ("angular_velocity", 3),
+                ("rise", 1),
+            ],
+            Self::Wrench => Channel::Wrench.quantities(),
+            Self::Properties => &[("mass", 1), ("friction", 1), ("size", 3)],
+            Self::Squeeze => &[("deformation", 1), ("stress", 2)],
+            Self::Insertion => &[("position", 3), ("yaw", 1), ("force", 3)],
+            Self::Time
+            | Self::StressRatio
+            | Self::StressLimit
+            | Self::Deformation
+            | Self::Distractors => &[],
+        }
+    }
+
     /// Name in the settings.
     pub const fn name(self) -> &'static str {
         match self {

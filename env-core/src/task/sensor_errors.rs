@@ -10,10 +10,10 @@ use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 use serde_json::Value;
 
 use super::{
-    Range,
+    Range, StateChannel,
     setting::{RANGE, range_of, rising},
 };
-use crate::{Error, Result};
+use crate::{Error, Result, tactile::Channel};
 
 /// Errors of one channel; by default it has none. Ranges are drawn from at each reset for each pad.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -98,34 +98,11 @@ impl<'de> Deserialize<'de> for ErrorRange {
     }
 }
 
-/// Quantities of a channel that has more than one, in the order of its entries, and the number of
-/// entries of each: those of one pad, where each pad has its own.
+/// [`StateChannel::quantities`] or [`Channel::quantities`] of the channel of this name.
 pub(super) fn quantities(channel: &str) -> &'static [(&'static str, usize)] {
-    match channel {
-        "proprio" => &[
-            ("position", 3),
-            ("yaw", 2),
-            ("velocity", 3),
-            ("yaw_rate", 1),
-            ("opening", 1),
-            ("opening_rate", 1),
-            ("grip", 1),
-            ("pad_force", 2),
-        ],
-        "object" => &[
-            ("position", 3),
-            ("rotation", 6),
-            ("velocity", 3),
-            ("angular_velocity", 3),
-            ("rise", 1),
-        ],
-        "wrench" => &[("force", 3), ("torque", 3)],
-        "properties" => &[("mass", 1), ("friction", 1), ("size", 3)],
-        "squeeze" => &[("deformation", 1), ("stress", 2)],
-        "insertion" => &[("position", 3), ("yaw", 1), ("force", 3)],
-        "predicted_error" => &[("displacement", 1), ("stress", 1), ("force", 1)],
-        _ => &[],
-    }
+    let state = StateChannel::ALL.into_iter().find(|state| state.name() == channel);
+    let tactile = || Channel::named(channel).map_or(&[][..], Channel::quantities);
+    state.map_or_else(tactile, StateChannel::quantities)
 }
 
 /// Errors by the name of the channel.
@@ -184,7 +161,7 @@ fn known(name: &str, channel: &str, quantity: &str) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::{StateChannel, TaskConfig, observation::components};
+    use crate::task::{TaskConfig, observation::components};
 
     #[test]
     fn quantities_are_the_parts_of_a_channel_with_a_unit_each() {
