@@ -45,12 +45,15 @@ def main() -> None:
     parser.add_argument("folder", help="where the dataset is made; seen by all machines")
     parser.add_argument("--config", help=".toml file; the paper's configuration if not given")
     parser.add_argument("--commit", default="", help="commit of ruffini, for the manifest")
-    parser.add_argument("--address", help="of a running cluster; one of this machine if not given")
-    parser.add_argument("--cpus", type=int, help="of a cluster of this machine; all if not given")
+    cluster = parser.add_mutually_exclusive_group()
+    cluster.add_argument("--address", help="of a running cluster; one of this machine if not given")
+    cluster.add_argument("--cpus", type=int, help="start a cluster of so many on this machine")
     options = parser.parse_args()
     import ray
 
-    ray.init(address=options.address, num_cpus=options.cpus, include_dashboard=False)
+    # Without an address Ray takes a cluster that runs already, whose size is given.
+    address = options.address if options.cpus is None else "local"
+    ray.init(address=address, num_cpus=options.cpus, include_dashboard=False)
     config = str(Path(options.config).resolve()) if options.config else None
     made = generate(str(Path(options.folder).resolve()), config, options.commit)
     print(f"{len(made) if made else 0} frames in {options.folder}")
