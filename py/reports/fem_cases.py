@@ -188,6 +188,25 @@ def mini(calibration: str, friction: float, element: str, nodes: int) -> dict:
     return about | cost | {"force": force}
 
 
+SHALLOW = (2e-5, 1e-4, 2.5e-4, 5e-4)
+"""Depths (m) at which the force is compared with that of a bonded layer."""
+UNDER = [[x, 0.0, 0.0] for x in (-1e-3, 0.0, 1e-3)]
+"""Points of the face towards which a mesh is graded (m)."""
+
+
+def shallow(element: str, nodes: int, is_graded: bool) -> dict:
+    """Force of a ball that only just presses, against the closed form of a bonded layer."""
+    pad = ruffini.sensor(FLAT, resolution=nodes, around=UNDER if is_graded else None)
+    body, poisson = SoftBody(pad.mesh, YOUNG, 0.48, LAW, pad.fixed), 0.48
+    frames, cost = solved(body, element, 0.0, RADIUS, ball_path(RADIUS, np.array(SHALLOW)))
+    thickness = float(np.ptp(pad.mesh.vertices[:, 2]))
+    errors = {}
+    for depth, frame in zip(SHALLOW, frames, strict=True):
+        exact = bonded_layer(RADIUS, depth, YOUNG, poisson, thickness)
+        errors[f"{1e3 * depth:g}"] = -frame.wrench[2] / exact - 1
+    return {"element": element, "graded": is_graded, "errors": errors} | cost
+
+
 def speed(nodes: int, friction: float) -> dict:
     """Cost of a path in steps of 0.1 mm: 1 mm down, 0.5 mm sideways."""
     before, body = peak_memory(), flat_pad(nodes, 0.48)
