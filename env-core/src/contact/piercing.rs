@@ -2,8 +2,9 @@
 //! between these, and the skin is not pushed ahead of their end.
 //!
 //! The depth of a corner of a shape is measured under the plane through the nearest contact points,
-//! once with the body at rest and once deformed. A blunt shape leaves little of the former: 30 % or
-//! less.
+//! once with the body at rest and once deformed. Of 441 random presses with balls, solids with
+//! edges, objects and gears, half left 6 % of the former or less, 99 % less than 0.6, and none more
+//! than 0.61; a skin that is not pushed ahead leaves 0.9 and more.
 //!
 //! Shapes: C surface points, N nodes, S rigid shapes.
 
@@ -18,7 +19,8 @@ use crate::{
 /// Part of a shape's depth, and depth (m), that may be left under the deformed skin.
 const LEFT: [f64; 2] = [0.9, 5e-4];
 /// The same for a shape that begins in the body, and so comes from above, but pushes more aside
-/// than down.
+/// than down. Random presses that were wrong in this way left 0.59 of their depth and 0.1 mm, or
+/// more.
 const LEFT_ASIDE: [f64; 2] = [0.5, 5e-5];
 /// Surface points that the plane of the skin is laid through.
 const AROUND: usize = 6;
