@@ -93,10 +93,10 @@ pub enum Error {
     #[error("the answer turns a tetrahedron inside out, expected a press in reach of the model")]
     Inverted,
     /// An equilibrium in which a shape penetrates the body deeply, for example because it was moved
-    /// through nodes that are held fixed.
+    /// through nodes that are held fixed, or is narrower than contact points are apart.
     #[error("a shape stands {depth:.2e} m inside the body, expected {most:.2e} m or less")]
     Penetrated {
-        /// Depth of the deepest touching point (m).
+        /// Depth of the deepest touching point, or of the end of the shape under the skin (m).
         depth: f64,
         /// Largest depth accepted (m).
         most: f64,

@@ -19,6 +19,7 @@ mod interrupt;
 mod nodal;
 mod objects;
 mod peer;
+mod piercing;
 mod sliding;
 mod soft;
 mod tactile;

@@ -139,9 +139,7 @@ impl Contact<'_> {
 
     /// Force of a shape at a touching point (N).
     pub(super) fn force(&self, touch: &Touch) -> Vector3<f64> {
-        let point = &self.zone.surface[touch.point as usize];
-        let traction = self.law.traction(point, touch, self.law.limit(point, touch));
-        (traction.normal + traction.tangential) * point.area
+        self.law.force(&self.zone.surface[touch.point as usize], touch)
     }
 
     /// Share of the normal force of `touches` that slides.

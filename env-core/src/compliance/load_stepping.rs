@@ -13,7 +13,8 @@ use super::{
 use crate::{
     Error, Result,
     contact::{
-        ContactLaw, ContactStep, Touch, backed_off, check_first, engulfs_unfelt, holds, is_engulfed,
+        ContactLaw, ContactStep, DeformedSkin, Touch, backed_off, check_first, engulfs_unfelt,
+        holds, is_engulfed,
     },
     deformation::{Anchor, History, Press, Wrench},
     error::StepDefect,
@@ -222,6 +223,20 @@ impl<'a> LoadStepping<'a> {
         let felt = |s| state.touches.iter().any(|touch| touch.shape == s);
         let (mesh, displacement) = (self.condensed.body.mesh(), &state.field.displacement);
         engulfs_unfelt(self.shapes, &state.poses, felt, mesh, displacement)
+    }
+
+    /// Returns an error if a shape pierces the skin at the end of a frame of `press`.
+    pub(super) fn check_skin(&self, press: &Press) -> Result<()> {
+        let (state, zone, law) = (&self.state, &self.zone, &self.settings.law);
+        let mut pushes = vec![Vector3::zeros(); self.shapes.len()];
+        for touch in &state.touches {
+            let point = &self.condensed.surface[touch.point as usize];
+            pushes[touch.shape as usize] += law.force(point, touch);
+        }
+        let displacement = zone.pick(&state.field.displacement);
+        let mesh = self.condensed.body.mesh();
+        let skin = DeformedSkin::new(mesh, &zone.surface, &zone.places, &displacement);
+        skin.check(self.shapes, &state.poses, &pushes, press.begins_at(&state.poses))
     }
 
     /// Returns whether a shape that moves far to `poses` passes over points that it should have

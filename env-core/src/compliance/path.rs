@@ -29,7 +29,7 @@ impl LoadStepping<'_> {
         report: impl Fn(&mut Self) -> Result<T>,
     ) -> Vec<Result<T>> {
         solve_frames(press.frames(), |frame| {
-            self.solve(frame)?;
+            self.solve(press, frame)?;
             report(&mut self)
         })
     }
@@ -40,19 +40,20 @@ impl LoadStepping<'_> {
         press: &Press,
         report: impl Fn(&mut Self) -> Result<T>,
     ) -> Result<T> {
-        solve_frames(press.frames(), |frame| self.solve(frame))
+        solve_frames(press.frames(), |frame| self.solve(press, frame))
             .pop()
             .expect("a press has a frame")?;
         report(&mut self)
     }
 
-    /// Solves the next `frame`.
-    fn solve(&mut self, frame: FrameDrive) -> Result<()> {
+    /// Solves the next `frame` of `press`.
+    fn solve(&mut self, press: &Press, frame: FrameDrive) -> Result<()> {
         let start = Instant::now();
         match frame {
             FrameDrive::Poses(poses) => self.follow(poses)?,
             FrameDrive::Force { force, direction } => push(self, force, direction)?,
         }
+        self.check_skin(press)?;
         self.seconds = start.elapsed().as_secs_f64();
         Ok(())
     }

@@ -163,6 +163,12 @@ impl ContactLaw {
         -pressure * (turn + self.friction / touch.slip.norm() * turned)
     }
 
+    /// Force of the shape on a touching point (N).
+    pub fn force(&self, point: &SurfacePoint, touch: &Touch) -> Vector3<f64> {
+        let traction = self.traction(point, touch, self.limit(point, touch));
+        (traction.normal + traction.tangential) * point.area
+    }
+
     /// New sticking place relative to the point's position (m), such that the spring keeps its
     /// force.
     pub fn stuck_at(&self, point: &SurfacePoint, touch: &Touch) -> Vector3<f64> {

@@ -11,6 +11,7 @@ mod groups;
 mod law;
 mod leap;
 mod near;
+mod piercing;
 mod touch;
 
 pub use approach::{advance_to_contact, backed_off, between, clearance, gap, nearest};
@@ -20,6 +21,7 @@ pub use groups::PointGroup;
 pub use law::{ContactLaw, Traction};
 pub use leap::went_through;
 pub use near::DistanceCache;
+pub use piercing::DeformedSkin;
 pub use touch::{Bend, ContactStep, Touch, first_touch};
 
 use nalgebra::{Point3, Vector3};

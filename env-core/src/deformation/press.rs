@@ -277,6 +277,11 @@ impl Press {
         self.history.as_ref()
     }
 
+    /// Returns whether the press starts from rest with the shapes at `poses` (S).
+    pub(crate) fn begins_at(&self, poses: &[Isometry3<f64>]) -> bool {
+        self.history.is_none() && self.drive.first() == poses
+    }
+
     /// Coefficient of Coulomb friction; `None` for that of the model.
     pub fn friction(&self) -> Option<f64> {
         self.friction

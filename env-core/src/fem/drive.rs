@@ -12,7 +12,9 @@ use super::{
 };
 use crate::{
     Error, Result,
-    contact::{DistanceCache, Touch, advance_to_contact, backed_off, between, clearance},
+    contact::{
+        DeformedSkin, DistanceCache, Touch, advance_to_contact, backed_off, between, clearance,
+    },
     deformation::{
         Anchor, Deformation, Drive, FrameDrive, History, NextStep, Press, Wrench, solve_frames,
         solve_in_steps,
@@ -120,10 +122,23 @@ impl<'a> PressSolver<'a> {
                 self.push(press, &ForceControl { direction: **direction, force })?
             }
         };
+        self.check_skin(press, &solved.forces)?;
         solved.balance.iterations = self.iterations;
         let mut deformation = self.report(&solved);
         deformation.seconds = start.elapsed().as_secs_f64();
         Ok(deformation)
+    }
+
+    /// Returns an error if a shape pierces the skin.
+    fn check_skin(&self, press: &Press, forces: &Forces) -> Result<()> {
+        let (system, poses) = (self.system, &self.state.poses);
+        let mut pushes = vec![Vector3::zeros(); poses.len()];
+        for touch in &forces.touches {
+            pushes[touch.shape as usize] += system.contact_force(touch);
+        }
+        let (places, displacement) = (&system.nodes.places, &self.state.displacement);
+        let skin = DeformedSkin::new(self.mesh, &system.surface, places, displacement);
+        skin.check(press.shapes(), poses, &pushes, press.begins_at(poses))
     }
 
     /// Moves the shapes to `poses`.

@@ -159,9 +159,7 @@ impl System {
 
     /// Force of a shape on the body at a touching point (N).
     pub(super) fn contact_force(&self, touch: &Touch) -> Vector3<f64> {
-        let point = &self.surface[touch.point as usize];
-        let traction = self.law.traction(point, touch, self.law.limit(point, touch));
-        (traction.normal + traction.tangential) * point.area
+        self.law.force(&self.surface[touch.point as usize], touch)
     }
 
     /// Energy of contact with friction limited to the `limit` of each touch (J).
