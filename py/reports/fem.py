@@ -134,7 +134,7 @@ with another case running beside.
 
 The same ball and pad at ν = 0.48. *Graded* meshes are finest at three points within a millimetre of
 the first touch. Errors of the force are against the closed form of a bonded layer by Dimitriadis et
-al. (2002), which is for small strain: at 0.5 mm it is itself some per cent off. Where contact is
+al. (2002), which is for small strain. Where contact is
 narrower than two or three spacings of the nodes, even meshes are far too stiff.
 
 {shallow}
