@@ -103,11 +103,15 @@ impl<'a> DeformedSkin<'a> {
         let corners = surface.vertices().iter().map(|corner| pose * corner);
         let mut corners: Vec<_> =
             corners.filter(|corner| is_between(corner, &self.bounds, 0.0)).collect();
-        let places = self.near(&corners)?;
-        let plane = |place: &Point3<f64>| self.plane(&places, 0, place);
-        let (_, outward) = plane(&middle(&corners))?;
+        if corners.is_empty() {
+            return None;
+        }
+        let centre = middle(&corners);
+        let (_, outward) = self.plane(&self.near(&[centre])?, 0, &centre)?;
         corners.sort_by(|a, b| outward.dot(&a.coords).total_cmp(&outward.dot(&b.coords)));
         corners.truncate(CORNERS);
+        let places = self.near(&corners)?;
+        let plane = |place: &Point3<f64>| self.plane(&places, 0, place);
         let depth = |corner: &Point3<f64>| {
             let (middle, normal) = plane(corner)?;
             Some((*corner, normal.dot(&(middle - corner)), normal))
@@ -124,9 +128,9 @@ impl<'a> DeformedSkin<'a> {
         sunk.min_by(|a, b| part(a).total_cmp(&part(b)))
     }
 
-    /// Surface points around the `corners`; `None` if there are too few.
+    /// Surface points around one or more `corners`; `None` if the body has too few.
     fn near(&self, corners: &[Point3<f64>]) -> Option<Places> {
-        if corners.is_empty() || self.rest.len() < AROUND {
+        if self.rest.len() < AROUND {
             return None;
         }
         let around = bounds(corners);
