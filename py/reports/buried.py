@@ -121,10 +121,12 @@ the network. `python py/reports buried --show NUMBER` asks a press again.
 
 ## Defects found
 
-{most} of the {bad} are with `Compliance` or `Fem`: slender shapes and sharp tips go in between the
-points at which these feel contact. Press what is narrower than a millimetre where it meets the skin
-with `LinearPad`, whose contact is finer, or give the pad more nodes: how many of these that mends
-is in the table. *Wrong* is how many of the {bad} show an open defect.
+{most} of the {bad} were with `Compliance` or `Fem`: slender shapes and sharp tips went in between
+the points at which these feel contact. Since then the depth of a shape under the deformed skin is
+measured after every frame, and each of the {most}, asked again, is refused as `penetrated`; the
+rows below are of before. Press what is narrower than a millimetre where it meets the skin with
+`LinearPad`, whose contact is finer, or give the pad more nodes. *Wrong* is how many of the {bad}
+show an open defect.
 
 {mended}
 

@@ -40,7 +40,7 @@ README = [
     ("% and {} %. [Where", "unseen", "table / all / linear, on cells / force / 0"),
     ("[{} presses made to break it]", "stability", "presses"),
     ("[{} that begin in the gel]", "buried", "presses"),
-    ("thin shapes, {} are wrong", "buried", "wrong presses"),
+    ("thin shapes, {} were wrong", "buried", "wrong presses"),
     ("[{} to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("{} steps a second]", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
