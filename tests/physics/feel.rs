@@ -26,6 +26,7 @@ fn config(object: &str) -> TaskConfig {
         resolution: coarse(150),
         observation: Some(
             (StateChannel::SHARED.map(StateChannel::name).iter().chain(&TACTILE_CHANNELS))
+                .filter(|name| **name != "predicted_error")
                 .map(ToString::to_string)
                 .collect(),
         ),

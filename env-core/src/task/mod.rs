@@ -23,6 +23,7 @@ mod reward_weights;
 mod schema;
 mod sensor_errors;
 mod setting;
+mod state_channel;
 
 pub use action::{ACTION_SIZE, command};
 pub use config::TaskConfig;
@@ -35,13 +36,14 @@ pub use grip::GradualGrip;
 pub use hold_still::{HoldStill, Shaking};
 pub use insert_peg::{InsertPeg, Insertion};
 pub use objects::{ObjectSpec, ShapeSpec};
-pub use observation::{Component, ObservationLayout, StateChannel, TACTILE_CHANNELS};
+pub use observation::{Component, ObservationLayout, TACTILE_CHANNELS};
 pub use progress::Progress;
 pub use reward::{RewardTerm, RewardTerms};
 pub use reward_weights::RewardWeights;
 pub use schema::schema;
 pub use sensor_errors::{ErrorRange, SensorError, SensorErrors};
 pub use setting::{Range, Setting, SettingValue};
+pub use state_channel::StateChannel;
 
 use std::ops::{Deref, DerefMut};
 
