@@ -17,7 +17,9 @@ fn config(task: &str, tactile: Choice) -> TaskConfig {
     let task = Task::named(task).unwrap();
     let felt = if tactile == Choice::None { &[][..] } else { &TACTILE_CHANNELS };
     let own = StateChannel::SHARED.iter().chain(task.channels()).map(|channel| channel.name());
-    let channels = own.chain(felt.iter().copied()).filter(|name| *name != "distractors");
+    let channels = own
+        .chain(felt.iter().copied())
+        .filter(|name| !["distractors", "predicted_error"].contains(name));
     TaskConfig {
         tactile,
         resolution: Resolution { nodes: 150, ..Resolution::default() },

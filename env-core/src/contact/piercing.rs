@@ -33,6 +33,7 @@ const NEAR: f64 = 5e-4;
 
 /// Surface of a body, at rest and deformed.
 pub struct DeformedSkin<'a> {
+    mesh: &'a TetMesh,
     surface: &'a [SurfacePoint],
     displacement: &'a [Vector3<f64>],
     /// Surface points at rest (C).
@@ -48,6 +49,8 @@ type Places = [Vec<Point3<f64>>; 2];
 
 /// Depth of the end of a shape under the skin.
 struct Sunk {
+    /// The end.
+    corner: Point3<f64>,
     /// Depth under the skin at rest, and deformed (m).
     depths: [f64; 2],
     /// Outward normal of the skin at rest.
@@ -58,7 +61,7 @@ impl<'a> DeformedSkin<'a> {
     /// Returns the skin of the body of `mesh` through the points of its `surface` (C), whose nodes
     /// are at `places` (N) at rest and displaced (N) in m.
     pub fn new(
-        mesh: &TetMesh,
+        mesh: &'a TetMesh,
         surface: &'a [SurfacePoint],
         places: &[Point3<f64>],
         displacement: &'a [Vector3<f64>],
@@ -68,7 +71,7 @@ impl<'a> DeformedSkin<'a> {
         let rest = surface.iter().map(place).collect();
         let bounds = bounds(&mesh.vertices);
         let reach = displacement.iter().map(Vector3::norm_squared).fold(0.0, f64::max).sqrt();
-        Self { surface, displacement, rest, bounds, reach }
+        Self { mesh, surface, displacement, rest, bounds, reach }
     }
 
     /// Returns an error if one of the `shapes` at their `poses`, which push the body with `forces`
@@ -82,14 +85,16 @@ impl<'a> DeformedSkin<'a> {
         begin: bool,
     ) -> Result<()> {
         for ((shape, pose), force) in shapes.iter().zip(poses).zip(forces) {
-            let Some(Sunk { depths: [depth, left], normal }) = self.sunk(shape, pose) else {
+            let Some(Sunk { corner, depths: [depth, left], normal }) = self.sunk(shape, pose)
+            else {
                 continue;
             };
             let down = -force.dot(&normal);
             let aside = begin && (force + normal * down).norm() > down;
             let [part, least] = if aside { LEFT_ASIDE } else { LEFT };
             let most = f64::max(part * depth, least);
-            if left > most {
+            // Beside a curved body, the plane of its skin lies over corners that are outside.
+            if left > most && self.mesh.contains(&corner) {
                 return Err(Error::Penetrated { depth: left, most });
             }
         }
@@ -122,7 +127,7 @@ impl<'a> DeformedSkin<'a> {
         let end = under.into_iter().filter(|(_, depth, _)| *depth >= END * deepest);
         let sunk = end.filter_map(|(corner, depth, normal)| {
             let (middle, moved) = self.plane(&places, 1, &corner)?;
-            Some(Sunk { depths: [depth, moved.dot(&(middle - corner))], normal })
+            Some(Sunk { corner, depths: [depth, moved.dot(&(middle - corner))], normal })
         });
         let part = |sunk: &Sunk| sunk.depths[1] / sunk.depths[0];
         sunk.min_by(|a, b| part(a).total_cmp(&part(b)))
