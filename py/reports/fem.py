@@ -134,8 +134,8 @@ with another case running beside.
 
 The same ball and pad at ν = 0.48. *Graded* meshes are finest at three points within a millimetre of
 the first touch. Errors of the force are against the closed form of a bonded layer by Dimitriadis et
-al. (2002), which is for small strain. Where contact is
-narrower than two or three spacings of the nodes, even meshes are far too stiff.
+al. (2002), which is for small strain. Where contact is narrower than two or three spacings of the
+nodes, even meshes are far too stiff.
 
 {shallow}
 

@@ -53,9 +53,9 @@ def depths(last: float, step: float) -> np.ndarray:
     return np.arange(1, round(last / step) + 1) * step
 
 
-def flat_pad(nodes: int, poisson: float) -> SoftBody:
-    """The flat pad with at most that many nodes."""
-    pad = ruffini.sensor(FLAT, resolution=nodes)
+def flat_pad(nodes: int, poisson: float, around: list[list[float]] | None = None) -> SoftBody:
+    """The flat pad with at most that many nodes, most of them near the points `around` (m)."""
+    pad = ruffini.sensor(FLAT, resolution=nodes, around=around)
     return SoftBody(pad.mesh, YOUNG, poisson, LAW, pad.fixed)
 
 
@@ -196,10 +196,10 @@ UNDER = [[x, 0.0, 0.0] for x in (-1e-3, 0.0, 1e-3)]
 
 def shallow(element: str, nodes: int, is_graded: bool) -> dict:
     """Force of a ball that only just presses, against the closed form of a bonded layer."""
-    pad = ruffini.sensor(FLAT, resolution=nodes, around=UNDER if is_graded else None)
-    body, poisson = SoftBody(pad.mesh, YOUNG, 0.48, LAW, pad.fixed), 0.48
+    poisson = 0.48
+    body = flat_pad(nodes, poisson, UNDER if is_graded else None)
     frames, cost = solved(body, element, 0.0, RADIUS, ball_path(RADIUS, np.array(SHALLOW)))
-    thickness = float(np.ptp(pad.mesh.vertices[:, 2]))
+    thickness = float(np.ptp(body.mesh.vertices[:, 2]))
     errors = {}
     for depth, frame in zip(SHALLOW, frames, strict=True):
         exact = bonded_layer(RADIUS, depth, YOUNG, poisson, thickness)

@@ -1,4 +1,4 @@
-//! Shapes that begin in a pad and are narrower at the skin than contact points are apart.
+//! Shapes that begin in a body: narrower at the skin than contact points are apart, or wide.
 
 use std::f64::consts::PI;
 
@@ -6,10 +6,11 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error, Result,
     compliance::{Compliance, ComplianceOptions},
-    deformation::{DeformationModel, Law, Press, SoftBody},
+    deformation::{DeformationModel, Law, Moduli, Press, SoftBody},
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, Shape},
     sensor::Sensor,
+    surrogate::soft::SoftSurrogate,
 };
 
 use crate::fem::{GEL, MM};
@@ -57,4 +58,19 @@ fn a_narrow_shape_that_takes_the_skin_along_is_answered() {
         let force = force.unwrap();
         assert!(force.z < 0.0 && force.xy().norm() < -0.3 * force.z, "{force:?} N");
     }
+}
+
+#[test]
+fn plates_whose_corners_stand_beside_a_soft_ball_are_answered() {
+    let ball = Shape::Sphere { radius: 20.0 * MM };
+    let moduli = Moduli { young: 1e5, poisson: 0.45 };
+    let model = SoftSurrogate::named("soft", &ball, moduli, 0.8).unwrap();
+    let plate = Shape::Cuboid { half_extents: Vector3::new(10.0, 12.0, 2.0) * MM };
+    let flip = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+    let above = Isometry3::translation(0.0, 0.0, 21.6 * MM) * flip;
+    let below = Isometry3::translation(0.0, 0.0, -21.6 * MM);
+    let press = Press::along(vec![plate; 2], vec![vec![below, above]]).unwrap();
+    let answer = model.solve_path(&press).pop().unwrap().unwrap();
+    let pushed: f64 = answer.contact_force.iter().map(|force| force.z.abs()).sum();
+    assert!(pushed > 0.5, "{pushed} N");
 }
