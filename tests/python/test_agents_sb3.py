@@ -10,12 +10,14 @@ pytest.importorskip("stable_baselines3")
 import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.torch_layers import CombinedExtractor
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize, is_vecenv_wrapped
 from tiny_agent import BLIND, HOLD, LIFT, TOUCH, exported, trained
 
 from ruffini.agents import Agent, load
 from ruffini.agents.sb3 import export, first_seed, from_sb3, to_sb3
-from ruffini.sb3 import AsymmetricPolicy, fields, make_vec_env
+from ruffini.evaluation import as_policy, evaluate
+from ruffini.sb3 import AsymmetricPolicy, fields, make_vec_env, normalize
+from ruffini.video import film
 
 MARKERS = TOUCH | {"observation": ["wrench", "markers", "proprio"]}
 KINDS = {
@@ -163,22 +165,80 @@ def test_models_that_no_agent_can_stand_for_are_refused(tmp_path):
 
 
 def test_a_model_without_a_normaliser_is_an_agent_too(tmp_path):
-    model, _ = trained(LIFT, BLIND, steps=64)
+    envs = make_vec_env(LIFT, 2, seed=0, **BLIND)
+    model = PPO("MultiInputPolicy", envs, n_steps=32, device="cpu").learn(64)
     about = {"seed": 0, "threads": 1, "commit": "", "episodes": 1}
     path = tmp_path / "bare.safetensors"
-    export(model, None, path, env_id=LIFT, settings=BLIND, **about)
-    agent = Agent.read(path)
-    for observation in seen(agent, "dict"):
-        expected, _ = model.predict(observation, deterministic=True)
-        assert np.abs(agent.predict(observation)[0] - expected).max() <= ROUNDING
+    # Of the environments, too, a normalisation is taken only if there is one.
+    for normaliser in (None, envs):
+        export(model, normaliser, path, env_id=LIFT, settings=BLIND, **about)
+        agent = Agent.read(path)
+        for observation in seen(agent, "dict"):
+            expected, _ = model.predict(observation, deterministic=True)
+            assert np.abs(agent.predict(observation)[0] - expected).max() <= ROUNDING
     assert to_sb3(agent).get_vec_normalize_env().norm_obs is False
+
+
+@pytest.mark.parametrize("obs", ["dict", "flat"])
+def test_a_model_is_judged_on_observations_normalised_as_in_training(tmp_path, obs):
+    model, normaliser = trained(LIFT, BLIND, obs=obs)
+    about = {"seed": 0, "threads": 1, "commit": "", "env_id": LIFT, "settings": BLIND}
+    agent = from_sb3(model, None, **about)
+    envs = make_vec_env(LIFT, 2, obs=obs, **BLIND)
+    raw = next(seen(agent, obs))
+    expected, _ = agent.predict(raw)
+
+    def off(policy):
+        return np.abs(policy.predict(raw, deterministic=True)[0] - expected).max()
+
+    assert off(as_policy(model, envs.observation_space)) <= ROUNDING < 100 * ROUNDING < off(model)
+    model.save(tmp_path / "model.zip")
+    normaliser.save(tmp_path / "model.pkl")
+    alone = PPO.load(tmp_path / "model.zip", device="cpu")
+    settings = BLIND | {"obs": obs}
+    for judge in (
+        lambda: evaluate(alone, LIFT, 3, **settings),
+        lambda: from_sb3(alone, None, **about),
+    ):
+        with pytest.raises(ValueError, match="so normalised, and no VecNormalize with it; expect"):
+            judge()
+    both = VecNormalize.load(tmp_path / "model.pkl", envs)
+    again = PPO.load(tmp_path / "model.zip", both, device="cpu")
+    assert off(as_policy(again)) <= ROUNDING
+    assert evaluate(again, LIFT, 3, **settings) == evaluate(model, LIFT, 3, **settings)
+
+
+def test_a_model_of_other_observations_is_told_what_it_was_trained_on(tmp_path):
+    model, _ = trained(LIFT, BLIND | {"observation": ["proprio"]}, steps=64)
+    for judge in (
+        lambda: evaluate(model, LIFT, 2, **BLIND),
+        lambda: film(model, LIFT, tmp_path / "lift.gif", range(1), **BLIND),
+    ):
+        with pytest.raises(
+            ValueError,
+            match=r"trained on proprio \(14,\); the environment gives .*"
+            r"object \(16,\).* pass observation=\['proprio'\]",
+        ):
+            judge()
+    with pytest.raises(ValueError, match=r"gives observations \(14,\), .* pass the settings"):
+        evaluate(model, LIFT, 2, **BLIND, observation=["proprio"], obs="flat")
+
+
+def test_fields_of_touch_are_left_out_of_the_normalisation():
+    channels = ["proprio", "markers", "wrench", "predicted_error"]
+    coarse = {"tactile": "surrogate", "observation": channels}
+    envs = normalize(make_vec_env(HOLD, 2, **coarse), gamma=0.9)
+    assert fields(envs.observation_space) == ["markers"]
+    assert set(envs.norm_obs_keys) == {"proprio", "wrench", "predicted_error"}
+    assert (envs.norm_reward, envs.gamma) == (False, 0.9) and is_vecenv_wrapped(envs, VecMonitor)
+    monitored = VecMonitor(make_vec_env(HOLD, 1, **BLIND))
+    assert normalize(monitored).venv is monitored
 
 
 def test_privileged_channels_reach_the_value_function_alone(tmp_path):
     settings = TOUCH | {"observation": ["markers", "object", "proprio"]}
     envs = make_vec_env(HOLD, 2, seed=0, **settings)
-    keys = [name for name in envs.observation_space if name not in fields(envs.observation_space)]
-    normaliser = VecNormalize(envs, norm_reward=False, norm_obs_keys=keys)
+    normaliser = normalize(envs)
     kwargs = {"privileged": ["object"], "net_arch": [8]}
     model = PPO(AsymmetricPolicy, normaliser, n_steps=32, policy_kwargs=kwargs, device="cpu")
     before = [p.detach().clone() for p in model.policy.vf_features_extractor.parameters()]

@@ -136,6 +136,11 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
         ({"observation": "taste"}, ["observation", "taste", "proprio, object"]),
         ({"observation": []}, ["observation", "no channel"]),
         ({"objects": "pear"}, ["object", "pear", "sphere, cuboid"]),
+        ({"objects": "pear.ply"}, ["mesh file: found pear.ply", ".obj or .stl"]),
+        (
+            {"tactile": "none", "observation": "predicted_error"},
+            ["observation", 'predicted_error needs tactile="surrogate"'],
+        ),
         ({"objects": [{"shape": "sphere"}]}, ["objects", "missing field `radius`"]),
         ({"objects": [{"shape": "sphere", "radius": 0.3}]}, ["objects", "0.6", "opening of 0.08"]),
         ({"gripper": {"max_force": -1}}, ["gripper.max_force", "-1", "0.01 to 200"]),

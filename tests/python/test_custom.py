@@ -231,7 +231,10 @@ def case(**members):
         (case(base="Juggle"), "Wrong.base: found 'Juggle', expected one of GraspLift"),
         (case(reads=["colour"]), "observation: found colour, expected one or more of"),
         (case(reward=lambda self, state: {"high": 1}), r"reward: found \['high'\], expected .*low"),
-        (case(reward=lambda self, state: {"low": 1.0}), r"reward low: found float64 of shape \(\)"),
+        (
+            case(reward=lambda self, state: {"low": np.float32(1.0)}),
+            r"reward low: found float32 of shape \(\), expected .* \(2,\), .* or one float for all",
+        ),
         (case(reward=lambda self, state: {"low": np.full(2, np.nan)}), "low: found nan in row 0"),
         (
             case(ending=lambda self, state: {"up": [True] * 2}),
@@ -245,7 +248,10 @@ def case(**members):
         ),
         (case(draw=lambda self, random: [0.1, 0.2]), "draw: found list, expected numbers by name"),
         (case(ending=lambda self, state: [True, False]), "ending: found list, expected booleans"),
-        (case(draw=lambda self, random: {"mass": 0.1}), r"draw mass: found float64 of shape \(\)"),
+        (
+            case(draw=lambda self, random: {"mass": np.full(3, 0.1)}),
+            r"draw mass: found float64 of shape \(3,\), expected numbers of shape \(2,\)",
+        ),
         (case(draw=lambda self, random: {"mass": np.full(2, np.nan)}), "draw mass: found .*nan"),
         (case(draw=lambda self, random: {"smell": np.ones(2)}), "start: found smell, expected one"),
         (case(draw=lambda self, random: {"object": np.full(2, 0.5)}), "start object: found 0.5"),
@@ -259,6 +265,14 @@ def test_wrong_rules_say_what_was_found_and_expected(task, message):
 
     with pytest.raises(ValueError, match=message):
         step()
+
+
+def test_a_plain_number_counts_for_all_rows():
+    task = case(reward=lambda self, state: {"low": -1}, draw=lambda self, random: {"mass": 0.13})
+    envs = CustomVectorEnv(task, 2)
+    envs.reset(seed=0)
+    assert [envs.look(row)["mass"] for row in range(2)] == [0.13, 0.13]
+    np.testing.assert_array_equal(envs.step(np.zeros((2, 5), np.float32))[1], [-2.0, -2.0])
 
 
 def test_a_rule_reads_what_soft_pads_feel_by_name():
@@ -282,6 +296,11 @@ def test_a_rule_reads_what_soft_pads_feel_by_name():
         ("propri", TOOL, "channel: found 'propri', did you mean 'proprio'"),
         ("proprio", "yaw rates", "component: found 'yaw rates', did you mean"),
         ("properties", "mass", "found 'properties', expected one of proprio: .*`reads`"),
+        (
+            "stress",
+            "von Mises stress, -x pad",
+            "found 'stress', expected one of proprio: .*`reads`",
+        ),
     ],
 )
 def test_an_unknown_part_of_the_state_is_named_with_the_nearest(channel, component, message):

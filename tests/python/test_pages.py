@@ -257,3 +257,19 @@ def test_the_site_has_all_that_it_links_to(assemble, tmp_path, monkeypatch):
         assert not lost, (page, lost)
     stub = (tmp_path / "python/ruffini/_core.py").read_text()
     assert "Quasi-static finite element model" in stub
+
+
+def test_the_page_of_tasks_lists_the_terms_of_every_reward():
+    page = (DOCS / "tasks.md").read_text()
+    rows = re.findall(r"^\| (\w*) \| `(\w+)` \| ([\d.]+) \| (.+) \|$", page, re.MULTILINE)
+    listed: dict[str, list[tuple[str, str, str]]] = {}
+    for name, term, weight, meaning in rows:
+        task = name or list(listed)[-1]
+        listed.setdefault(task, []).append((term, weight, meaning))
+    assert listed == {
+        name: [
+            (term["name"], f"{term['weight']:g}", term["doc"].replace("``", "`"))
+            for term in task["terms"]
+        ]
+        for name, task in TASKS.items()
+    }

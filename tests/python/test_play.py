@@ -153,6 +153,7 @@ def test_agents_that_come_with_the_package_play():
             ["Juggle", "--policy", "random"],
             "task: found 'Juggle', expected one of Grasp",
         ),
+        (["me/Snug-v0"], "task: found 'me/Snug-v0', expected a built-in one: GraspF"),
         (["Juggle", "--policy", "scripted"], "task: found 'Juggle', expected one of Grasp"),
         (
             ["GraspLift", "--policy", "FILE"],

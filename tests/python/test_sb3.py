@@ -232,6 +232,14 @@ def test_arguments_of_stable_baselines3_are_answered_with_what_takes_their_place
         make_vec_env("ruffini/GraspLift-v0", **given)
 
 
+@pytest.mark.parametrize("name", ["GraspLift", "ruffini/GraspLift-v7", "CartPole-v1"])
+def test_an_unknown_environment_is_told_what_an_id_looks_like(name):
+    with pytest.raises(
+        (gym.error.UnregisteredEnv, ValueError), match=f"env_id: found '{name}', exp"
+    ):
+        make_vec_env(name)
+
+
 def test_ppo_learns_on_dict_observations():
     envs = VecMonitor(make_vec_env(ID, 4, seed=0, max_episode_steps=20))
     PPO("MultiInputPolicy", envs, n_steps=64, batch_size=64, n_epochs=1).learn(512)

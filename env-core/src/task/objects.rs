@@ -166,9 +166,9 @@ impl ObjectSpec {
     }
 }
 
+/// Whether a name is the path of a file: it has an extension, as no name of the catalogue does.
 fn is_mesh_file(name: &str) -> bool {
-    let extension = Path::new(name).extension().map(std::ffi::OsStr::to_ascii_lowercase);
-    extension.is_some_and(|e| e == "obj" || e == "stl")
+    Path::new(name).extension().is_some()
 }
 
 impl fmt::Display for ObjectSpec {

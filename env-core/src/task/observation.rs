@@ -120,8 +120,11 @@ impl ObservationLayout {
             );
         }
         let invalid = |found: &str| {
-            let hint =
-                if TACTILE_CHANNELS.contains(&found) { "; set tactile for more" } else { "" };
+            let hint = match found {
+                "predicted_error" => "; predicted_error needs tactile=\"surrogate\"",
+                _ if TACTILE_CHANNELS.contains(&found) => "; set tactile for more",
+                _ => "",
+            };
             let known: Vec<_> = known.iter().map(|source| source.name()).collect();
             let expected = format!("one or more of {}, each once{hint}", known.join(", "));
             Error::invalid("observation", found, expected)

@@ -120,8 +120,8 @@ class Task:
 
         ``object`` (counted from 0 in the setting ``objects``), ``mass`` (kg), ``friction``,
         ``size``, ``yaw`` (rad), ``x``, ``y``, ``start_x``, ``start_y``, ``start_height`` (m) and
-        ``gel_stiffness``, each (n,) for the n rows that `random` draws for, within the range that
-        the settings have.
+        ``gel_stiffness``, each (n,) for the n rows that `random` draws for, or one number for all,
+        within the range that the settings have.
         """
         return {}
 
@@ -134,7 +134,7 @@ class Task:
         """
 
     def reward(self, state: State) -> Mapping[str, Any]:
-        """Each of the `terms` as numbers (N,)."""
+        """Each of the `terms` as numbers (N,), or one number for all rows."""
         raise NotImplementedError(f"{type(self).__name__} has no reward")
 
     def ending(self, state: State) -> Mapping[str, Any]:
@@ -218,10 +218,7 @@ class _Custom(Native):
         for given in self._given.values():
             given[chosen] = np.nan
         for name, values in drawn.items():
-            column = np.asarray(values)
-            if column.shape != chosen.shape or column.dtype.kind not in "fiu":
-                found = f"{column.dtype} of shape {column.shape}"
-                raise ValueError(f"draw {name}: found {found}, expected numbers {chosen.shape}")
+            column = _numbers(f"draw {name}", values, len(chosen))
             if not np.isfinite(column).all():
                 raise ValueError(f"draw {name}: found {column}, expected finite numbers")
             self._given.setdefault(name, np.full(self._count, np.nan))[chosen] = column
@@ -325,11 +322,7 @@ class _Custom(Native):
             raise ValueError(f"reward: found {names}, expected the terms {self._terms}")
         terms = np.empty((self._count, len(self._terms)))
         for k, name in enumerate(self._terms):
-            column = np.asarray(given[name])
-            if column.shape != (self._count,) or column.dtype.kind not in "fiub":
-                found = f"{column.dtype} of shape {column.shape}"
-                raise ValueError(f"reward {name}: found {found}, expected numbers ({self._count},)")
-            terms[:, k] = column
+            terms[:, k] = _numbers(f"reward {name}", given[name], self._count)
         wrong = np.argwhere(~np.isfinite(terms))
         if len(wrong):
             row, k = wrong[0]
@@ -359,6 +352,24 @@ class _Custom(Native):
             raise ValueError(
                 f"state: {task.__name__} keeps numbers of its own, which no snapshot has"
             )
+
+
+def _numbers(name: str, values: Any, count: int) -> NDArray[Any]:
+    """Numbers (N,) of N rows; a single one of Python counts for all.
+
+    Of numpy's it does not, for it is more likely a mean over rows by mistake.
+
+    Raises:
+        ValueError: If they are no numbers, or of another shape.
+    """
+    if isinstance(values, (int, float)) and not isinstance(values, np.generic):
+        return np.full(count, float(values))
+    column = np.asarray(values)
+    if column.shape != (count,) or column.dtype.kind not in "fiub":
+        found = f"{column.dtype} of shape {column.shape}"
+        each = f"numbers of shape ({count},), one for each row, or one float for all"
+        raise ValueError(f"{name}: found {found}, expected {each}")
+    return column
 
 
 class CustomEnv(_Custom, NativeEnv):

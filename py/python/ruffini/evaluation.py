@@ -28,9 +28,11 @@ __all__ = [
     "Policy",
     "ProgressCallback",
     "about_this_run",
+    "as_policy",
     "bootstrap",
     "evaluate",
     "line",
+    "normaliser_of",
     "processor",
     "usable_cores",
     "wilson",
@@ -95,7 +97,8 @@ def evaluate(
 
     Args:
         policy: Policy, or a function of the observations of N environments that returns their
-            actions (N, 5).
+            actions (N, 5). Observations of a model of Stable-Baselines3 are normalised by its
+            ``VecNormalize``, if it has one.
         env_id: Id of the environment.
         episodes: Number of episodes, one per seed.
         first_seed: Seed of the first episode.
@@ -104,13 +107,15 @@ def evaluate(
 
     Raises:
         TypeError: If `policy` is neither.
-        ValueError: If `episodes` is no whole number from 1, or a setting is invalid.
+        ValueError: If `episodes` is no whole number from 1, a setting is invalid, or the model was
+            trained on other observations.
     """
     check_count("episodes", episodes)
-    acting = _policy(policy)
+    as_policy(policy)
     envs = gym.make_vec(
         env_id, num_envs=episodes, autoreset_mode=AutoresetMode.DISABLED, **settings
     )
+    acting = as_policy(policy, envs.single_observation_space)
     observation, _ = envs.reset(seed=first_seed)
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
@@ -150,13 +155,112 @@ def evaluate(
     }
 
 
-def _policy(policy: Any) -> Policy:
+def as_policy(policy: Any, space: gym.Space[Any] | None = None) -> Policy:
+    """Policy that acts on observations as an environment returns them.
+
+    A model of Stable-Baselines3 gets them normalised by its ``VecNormalize``, if it has one.
+
+    Args:
+        policy: Policy, or a function of the observations of N environments that returns their
+            actions (N, 5).
+        space: Space of the observations of one environment, to be checked.
+
+    Raises:
+        TypeError: If `policy` is neither.
+        ValueError: If a model was trained on observations of another space, or normalised by a
+            ``VecNormalize`` that it was loaded without.
+    """
     if isinstance(policy, type) or not (hasattr(policy, "predict") or callable(policy)):
         expected = "a policy with predict(observation, state, ...), or a function of observations"
         raise TypeError(f"policy: found {policy!r}, expected {expected} that returns actions")
-    if hasattr(policy, "predict"):
-        return cast("Policy", policy)
-    return ScriptedPolicy(lambda observation, state: (policy(observation), state))
+    if not hasattr(policy, "predict"):
+        return ScriptedPolicy(lambda observation, state: (policy(observation), state))
+    if space is not None and isinstance(trained := _space(policy), gym.Space):
+        _check_same(trained, space)
+    normaliser = normaliser_of(policy)
+    return cast("Policy", policy) if normaliser is None else _Normalising(policy, normaliser)
+
+
+def normaliser_of(model: Any) -> Any:
+    """``VecNormalize`` with which a model of Stable-Baselines3 sees observations, or ``None``.
+
+    Raises:
+        ValueError: If it was trained on normalised observations, and loaded without.
+    """
+    if not hasattr(model, "get_vec_normalize_env"):
+        return None
+    normaliser = model.get_vec_normalize_env()
+    if normaliser is not None:
+        return normaliser if normaliser.norm_obs else None
+    # What it saw last is saved with a model; environments keep to the bounds of their space.
+    last = getattr(model, "_last_obs", None)
+    if last is not None and not _within(last, model.observation_space):
+        raise ValueError(
+            "policy: found a model trained on observations beyond the bounds of its channels, so "
+            "normalised, and no VecNormalize with it; expected both: PPO.load(file, "
+            'env=VecNormalize.load("statistics.pkl", envs)) after envs.save("statistics.pkl")'
+        )
+    return None
+
+
+class _Normalising:
+    """Policy whose observations are normalised first."""
+
+    def __init__(self, policy: Policy, normaliser: Any) -> None:
+        self._policy, self._normaliser = policy, normaliser
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Actions (N, 5) for observations of N environments."""
+        seen = self._normaliser.normalize_obs(observation)
+        return self._policy.predict(seen, state, episode_start, deterministic)
+
+
+def _space(policy: Any) -> Any:
+    """Space of the observations that a model of Stable-Baselines3 was trained on."""
+    return getattr(policy, "observation_space", None)
+
+
+def _sizes(space: gym.Space[Any]) -> dict[str, Any]:
+    """Shapes of a space by channel, or of flat observations."""
+    if isinstance(space, gym.spaces.Dict):
+        return {name: box.shape for name, box in space.items()}
+    return {"observations": space.shape}
+
+
+def _check_same(trained: gym.Space[Any], space: gym.Space[Any]) -> None:
+    found, given = _sizes(trained), _sizes(space)
+    if found == given:
+        return
+
+    def told(shapes: dict[str, Any]) -> str:
+        return ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+
+    dicts = [isinstance(each, gym.spaces.Dict) for each in (trained, space)]
+    remedy = (
+        f"observation={list(found)}"
+        if all(dicts) and set(found) != set(given)
+        else ("the settings that it was trained with")
+    )
+    raise ValueError(
+        f"policy: found one trained on {told(found)}; the environment gives {told(given)}, "
+        f"expected the same: pass {remedy}"
+    )
+
+
+def _within(observation: Any, space: Any) -> bool:
+    """Whether a batch of observations lies within the bounds of a space."""
+    if isinstance(space, gym.spaces.Dict):
+        return all(_within(observation[name], box) for name, box in space.items())
+    if not isinstance(space, gym.spaces.Box):
+        return True
+    inside = (observation >= space.low - 1e-6) & (observation <= space.high + 1e-6)
+    return bool(np.all(inside))
 
 
 def line(name: str, result: dict[str, Any]) -> str:

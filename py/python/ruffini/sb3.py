@@ -15,7 +15,12 @@ try:
     from stable_baselines3.common.policies import MultiInputActorCriticPolicy
     from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, MlpExtractor
     from stable_baselines3.common.type_aliases import Schedule
-    from stable_baselines3.common.vec_env import VecEnv
+    from stable_baselines3.common.vec_env import (
+        VecEnv,
+        VecMonitor,
+        VecNormalize,
+        is_vecenv_wrapped,
+    )
     from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 except ModuleNotFoundError as error:
     missing = f'ruffini.sb3: found no {error.name}: pip install "ruffini[train]"'
@@ -77,10 +82,18 @@ def make_vec_env(
     for name in kwargs:
         if name in _INSTEAD:
             raise ValueError(f"make_vec_env: found {name}, expected {_INSTEAD[name]}")
+    try:
+        entry = gym.spec(env_id).vector_entry_point
+    except gym.error.Error as error:
+        expected = "one as 'ruffini/GraspLift-v0', or that of a task that was registered"
+        raise type(error)(f"env_id: found {env_id!r}, expected {expected} ({error})") from None
+    if isinstance(entry, str):
+        entry = gym.envs.registration.load_env_creator(entry)  # type: ignore[assignment]
+    if not (isinstance(entry, type) and issubclass(entry, NativeVectorEnv)):
+        raise ValueError(f"env_id: found {env_id!r}, expected an environment of ruffini")
     same_step = AutoresetMode.SAME_STEP
     envs = gym.make_vec(env_id, num_envs=n_envs, autoreset_mode=same_step, **kwargs)
-    if not isinstance(envs, NativeVectorEnv):
-        raise ValueError(f"env_id: found {env_id!r}, expected an environment of ruffini")
+    assert isinstance(envs, NativeVectorEnv), "checked"
     vec_env = RuffiniVecEnv(envs, infos)
     vec_env.seed(seed)
     return vec_env
@@ -249,9 +262,30 @@ def _check_dict(space: gym.Space[Any]) -> None:
 
 
 def fields(space: gym.spaces.Dict) -> list[str]:
-    """Names of the tactile channels that are fields: more than one number per pad."""
+    """Names of the tactile channels that are fields, with values at many points of a pad."""
     sizes = {name: int(np.prod(box.shape or ())) for name, box in space.items()}
-    return [name for name, size in sizes.items() if name in TACTILE_CHANNELS and size > 2]
+    felt = [name for name in TACTILE_CHANNELS if name != "predicted_error"]
+    return [name for name, size in sizes.items() if name in felt and size > 2]
+
+
+def normalize(envs: VecEnv, **kwargs: Any) -> VecNormalize:
+    """Normalise observations as the shipped agents see them, and monitor episodes.
+
+    A ``VecMonitor``, if there is none, and a ``VecNormalize`` of all channels but fields of touch
+    (:func:`fields`), which are 0 without contact, so that running statistics would scale the first
+    contacts to huge values; :class:`TouchExtractor` scales them. Rewards stay as they are.
+
+    Args:
+        envs: Environments, as of :func:`make_vec_env`.
+        **kwargs: As for ``VecNormalize``.
+    """
+    if not is_vecenv_wrapped(envs, VecMonitor):
+        envs = VecMonitor(envs, info_keywords=("is_success",))
+    keys = None
+    if isinstance(envs.observation_space, gym.spaces.Dict):
+        felt = fields(envs.observation_space)
+        keys = [name for name in envs.observation_space if name not in felt]
+    return VecNormalize(envs, **{"norm_reward": False, "norm_obs_keys": keys} | kwargs)
 
 
 class TouchExtractor(BaseFeaturesExtractor):
@@ -261,10 +295,9 @@ class TouchExtractor(BaseFeaturesExtractor):
     of the two pads; all other channels are passed through. The default markers take about 9,000
     weights.
 
-    Touch is scaled by its bounds. Leave it out of ``VecNormalize`` (``norm_obs_keys``): it is 0
-    without contact, so that running statistics would scale the first contacts to huge values. A
-    learnt factor on the features starts small, so that contact at first hardly changes the actions
-    of the policy.
+    Touch is scaled by its bounds, other channels not at all: :func:`normalize` does that. A learnt
+    factor on the features starts small, so that contact at first hardly changes the actions of the
+    policy.
 
     Args:
         observation_space: Space of the observations, a ``Dict`` of vectors.

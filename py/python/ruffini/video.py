@@ -5,18 +5,20 @@ from __future__ import annotations
 import importlib
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from numpy.typing import NDArray
 
 from ruffini import SimulationError
 from ruffini._core import encode_gif
 from ruffini._settings import counted
 from ruffini._spaces import RenderFrame, check_writable
-from ruffini.evaluation import Policy
+from ruffini.evaluation import Policy, as_policy
 
 __all__ = ["SIZES", "check", "film", "write"]
 
@@ -31,25 +33,28 @@ _PAUSE = 12
 """Number of frames for which the end of an episode is shown."""
 
 
-def check(path: Path) -> None:
-    """Check in advance that a video can be written to `path`.
+def check(path: str | PathLike[str]) -> Path:
+    """Check in advance that a video can be written to `path`, and return it.
 
     Raises:
         ValueError: If the suffix is unknown, ffmpeg is missing, or the path cannot be written.
     """
+    path = Path(path)
     if path.suffix not in SIZES:
         raise ValueError(f"video: found {path}, expected a {' or '.join(SIZES)} file")
     if path.suffix == ".mp4":
         _ffmpeg()
     check_writable("video", path)
+    return path
 
 
-def write(path: Path, frames: Sequence[RenderFrame], rate: int = 25) -> None:
+def write(path: str | PathLike[str], frames: Sequence[RenderFrame], rate: int = 25) -> None:
     """Write `frames`, arrays (height, width, 3), at `rate` frames a second.
 
     Raises:
         OSError: If the file cannot be written, or ffmpeg fails.
     """
+    path = Path(path)
     if path.suffix == ".gif":
         shown = _in_few_colors(frames[::_GIF_STRIDE])
         path.write_bytes(encode_gif(shown, _GIF_STRIDE * 1000 // rate))
@@ -108,14 +113,32 @@ def _encode(path: Path, frames: Sequence[RenderFrame], rate: int = 25) -> None:
     writer.close()
 
 
-def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any) -> str:
-    """Write a policy's episodes of these seeds as a video; return a line that describes it.
+def film(
+    policy: Policy | Callable[[Any], NDArray[np.float32]],
+    env_id: str,
+    path: str | PathLike[str],
+    seeds: Iterable[int],
+    **settings: Any,
+) -> str:
+    """Write a policy's episodes as a video; return a line that describes it.
+
+    Args:
+        policy: As for `ruffini.evaluation.evaluate`.
+        env_id: Id of the environment.
+        path: A .gif or .mp4 file.
+        seeds: Seeds of the episodes.
+        **settings: As for ``gymnasium.make``.
 
     Raises:
         SimulationError: If the video cannot be written.
+        TypeError: If `policy` is neither a policy nor a function.
+        ValueError: If `path` is no such file, a setting is invalid, or a model was trained on other
+            observations.
     """
+    path, seeds = check(path), list(seeds)
     size = dict(zip(("width", "height"), SIZES[path.suffix], strict=True))
     env = gym.make(env_id, render_mode="rgb_array", **size | settings)
+    acting = as_policy(policy, env.observation_space)
     frames: list[RenderFrame] = []
     endings = []
     for seed in seeds:
@@ -123,7 +146,7 @@ def film(policy: Policy, env_id: str, path: Path, seeds: range, **settings: Any)
         frames.append(_picture(env))
         over, state = False, None
         while not over:
-            action, state = policy.predict(_row(observation), state, deterministic=True)
+            action, state = acting.predict(_row(observation), state, deterministic=True)
             observation, _, terminated, truncated, info = env.step(action[0])
             frames.append(_picture(env))
             over = terminated or truncated

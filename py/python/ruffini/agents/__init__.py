@@ -117,6 +117,11 @@ def environment_id(task: str) -> str:
     if key in known:
         return known[key]
     expected = ", ".join(dict.fromkeys(tasks))
+    if "/" in task and not task.startswith("ruffini/"):
+        raise ValueError(
+            f"task: found {task!r}, expected a built-in one: {expected}; tasks of your own are for "
+            "Python, with ruffini.evaluation.evaluate and ruffini.video.film"
+        )
     raise ValueError(f"task: found {task!r}{nearest(task, tasks)} expected one of {expected}")
 
 

@@ -14,12 +14,17 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.torch_layers import CombinedExtractor, FlattenExtractor
-from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import (
+    VecEnv,
+    VecMonitor,
+    VecNormalize,
+    unwrap_vec_normalize,
+)
 
 from ruffini import __version__
 from ruffini._settings import plain
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
-from ruffini.evaluation import ProgressCallback
+from ruffini.evaluation import ProgressCallback, normaliser_of
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
 _HYPERPARAMETERS = (
@@ -39,7 +44,7 @@ _HYPERPARAMETERS = (
 
 def export(
     model: PPO,
-    normaliser: VecNormalize | None,
+    normaliser: VecEnv | None,
     path: str | PathLike[str],
     *,
     env_id: str,
@@ -54,7 +59,8 @@ def export(
 
     Args:
         model: The model.
-        normaliser: Normalisation of its observations.
+        normaliser: Environments with the ``VecNormalize`` of its observations; ``None`` takes the
+            model's own, if it has one.
         path: The .safetensors file.
         env_id: Id of the environment in which it was trained.
         settings: Keyword arguments of that environment.
@@ -76,7 +82,7 @@ def export(
 
 def from_sb3(
     model: PPO,
-    normaliser: VecNormalize | None,
+    normaliser: VecEnv | None,
     *,
     env_id: str,
     settings: dict[str, Any],
@@ -98,7 +104,8 @@ def from_sb3(
     settings = {k: value for k, value in settings.items() if k not in ("obs", "num_threads")}
     settings = json.loads(json.dumps(settings, default=plain))
     channels = _channels(env_id, settings)
-    statistics, numbers = _statistics(normaliser, channels)
+    found = normaliser_of(model) if normaliser is None else unwrap_vec_normalize(normaliser)
+    statistics, numbers = _statistics(found, channels)
     tensors = numbers | {
         name: parameter.detach().cpu().numpy().copy()
         for name, parameter in _parameters(policy).items()

@@ -34,7 +34,7 @@ from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint
 from ruffini.agents.params import Params, params
 from ruffini.agents.sb3 import first_seed, from_sb3, to_sb3
 from ruffini.evaluation import about_this_run, usable_cores
-from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, fields, make_vec_env
+from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env, normalize
 
 __all__ = ["FirstWithoutTouch", "new_model", "resume", "train"]
 
@@ -193,10 +193,7 @@ def new_model(
 def make_environment(
     env_id: str, chosen: Params, seed: int, threads: int | None = None
 ) -> VecNormalize:
-    """Create the environments of a run, the first steps with rigid pads if chosen.
-
-    Fields of touch are not normalised.
-    """
+    """Create the environments of a run, the first steps with rigid pads if chosen."""
     settings = {"num_threads": threads} | chosen.training | chosen.environment
     settings |= {"obs": chosen.obs}
     if chosen.obs == "dict" and chosen.privileged:
@@ -210,12 +207,7 @@ def make_environment(
         first = make_vec_env(env_id, **made, **rigid)
         envs = FirstWithoutTouch(first, envs, chosen.steps_without_touch)
     monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
-    keys = None
-    if isinstance(envs.observation_space, gym.spaces.Dict):
-        felt = fields(envs.observation_space)
-        keys = [name for name in envs.observation_space if name not in felt]
-    gamma = chosen.algorithm["gamma"]
-    return VecNormalize(monitored, norm_reward=False, gamma=gamma, norm_obs_keys=keys)
+    return normalize(monitored, gamma=chosen.algorithm["gamma"])
 
 
 def observed(env_id: str, settings: dict[str, Any]) -> list[str]:

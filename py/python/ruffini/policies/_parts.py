@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._schema import SCHEMA, TASKS
+from ruffini._schema import SCHEMA, TACTILE_CHANNELS, TASKS
 from ruffini._settings import nearest
 
 Places = Mapping[tuple[str, str], slice]
@@ -52,6 +52,14 @@ def places_of(
     return {key: place for key, place in _shared().items() if key[0] not in had} | own
 
 
+def _unobserved(channel: str, observation: Mapping[str, Any]) -> KeyError:
+    """Error about a channel that exists and is not there."""
+    remedy = "observe it, or list it in a task's `reads`"
+    return KeyError(
+        f"channel: found {channel!r}, expected one of {', '.join(observation)}: {remedy}"
+    )
+
+
 def _unknown(places: Places, channel: str, component: str) -> KeyError:
     """Error that names the nearest channel or component."""
     components = [name.partition(": ")[0] for own, name in places if own == channel]
@@ -71,12 +79,17 @@ def find(
     """
     place = places.get((channel, component))
     if place is None:
+        # The components of what soft pads feel are known only where it is observed.
+        if channel in TACTILE_CHANNELS and channel not in observation:
+            raise _unobserved(channel, observation)
+        if channel in TACTILE_CHANNELS and all(own != channel for own, _ in places):
+            raise KeyError(
+                f"channel: found {channel!r}, expected `channels` with it: its components "
+                "depend on the settings; pass env.unwrapped.channels()"
+            )
         raise _unknown(places, channel, component)
     if channel not in observation:
-        had = (
-            f"expected one of {', '.join(observation)}: observe it, or list it in a task's `reads`"
-        )
-        raise KeyError(f"channel: found {channel!r}, {had}")
+        raise _unobserved(channel, observation)
     values: NDArray[np.float32] = observation[channel][..., place]
     return values[..., 0] if place.stop - place.start == 1 else values
 
