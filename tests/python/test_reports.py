@@ -201,7 +201,7 @@ def test_a_front_leaves_out_what_is_measurably_beaten():
     pareto = module("pareto")
 
     def answers(ms, error, kind="fem", whole=True):
-        return {"ms": ms, "finest": {"force": {"median": error}}, "kind": kind, "whole": whole}
+        return {"ms": ms, "errors": {"force": {"median": error}}, "kind": kind, "whole": whole}
 
     found = {
         "slow and near": answers(100, 0.01),
@@ -211,7 +211,7 @@ def test_a_front_leaves_out_what_is_measurably_beaten():
         "as fast, but farther": answers(1, 0.11),
         "not of all presses": answers(1, 0.001, whole=False),
         "an oracle": answers(1, 0.001, kind="oracle"),
-        "silent": {"finest": {}},
+        "silent": {"errors": {}},
     }
     expected = ["fast and far", "as fast, to measure", "slow and near"]
     assert pareto.front(found, "force") == expected
