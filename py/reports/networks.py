@@ -2,10 +2,8 @@
 
 With --data SET --runs FOLDER those are trained first that FOLDER lacks, by `ruffini network train`
 on what `ruffini dataset generate SET --config tests/reference/indentations.toml` makes, about ten
-minutes on two threads each; a run that was stopped goes on. --sizes adds other widths. --papers
-GRASPS trains the paper's networks, too, which are for `pareto` and not on this page, on what
-`ruffini dataset generate GRASPS --grasps 10 --frames 10` makes. Without any of these only the page
-is made.
+minutes on two threads each; a run that was stopped goes on. --sizes adds other widths. Without any
+of these only the page is made.
 """
 
 from __future__ import annotations
@@ -34,14 +32,6 @@ SEEDED = {f"pads-{seed}": [*RECIPE, "--width", "32", "--seed", str(seed)] for se
 SIZED = {f"pads{width}-0": [*RECIPE, "--width", str(width)] for width in (16, 48)}
 """The same at other widths."""
 RUNS = SEEDED | SIZED
-TEN_MINUTES = ["--seconds", "600", "--batch", "1"]
-PAPERS = {
-    "paper-baseline": ["--variant", "baseline", "--width", "16", "--rounds", "4"],
-    "paper-a": ["--variant", "a", "--width", "16", "--rounds", "4"],
-    "paper-b-wide": ["--variant", "b", "--width", "32", "--rounds", "4"],
-    "paper-b-long": ["--variant", "b", "--width", "16", "--rounds", "8"],
-}
-"""The same for the paper's networks."""
 SAMPLE = 14
 FINER = {"truth_nodes": 900, "truth_linear_nodes": 5000, "truth_across": 14.0}
 """Presses that are solved again, and their meshes, as those of ``tests/reference/presses.py``."""
@@ -60,7 +50,6 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument("--data", type=Path, help="presses to train on")
     parser.add_argument("--sizes", action="store_true", help="train other widths, too")
     parser.add_argument("--finer", type=Path, help="folder for presses on finer meshes")
-    parser.add_argument("--papers", type=Path, help="grasps to train the paper's networks on")
     parser.add_argument("--runs", type=Path, help="folder of the runs")
 
 
@@ -68,8 +57,8 @@ def make(options: Namespace) -> dict[str, Any] | None:
     """The cards of the runs in the folder, and of others that there were; none without one."""
     if options.finer and not options.data:
         raise SystemExit("--finer needs --data, the presses")
-    if ((options.data and not options.finer) or options.papers) and not options.runs:
-        raise SystemExit("--data and --papers need --runs, the folder to train into")
+    if options.data and not options.finer and not options.runs:
+        raise SystemExit("--data needs --runs, the folder to train into")
     if not (options.runs or options.finer):
         return None
     report = json.loads((OUT / "networks.json").read_text())
@@ -79,9 +68,6 @@ def make(options: Namespace) -> dict[str, Any] | None:
         return report
     if options.data:
         train(options.data, options.runs, RUNS if options.sizes else SEEDED)
-    if options.papers:
-        papers = {name: [*chosen, *TEN_MINUTES] for name, chosen in PAPERS.items()}
-        train(options.papers, options.runs, papers)
     cards = {name: options.runs / name / "card.toml" for name in RUNS}
     found = {name: tomllib.loads(f.read_text()) for name, f in cards.items() if f.exists()}
     report |= found

@@ -166,7 +166,7 @@ impl ObjectSpec {
     }
 }
 
-/// Whether a name is the path of a file: it has an extension, as no name of the catalogue does.
+/// Returns whether a name is the path of a file: it has an extension, as no name of the catalogue does.
 fn is_mesh_file(name: &str) -> bool {
     Path::new(name).extension().is_some()
 }

@@ -16,17 +16,16 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "recommend",
         help="name the fastest model of the mechanics within an error",
-        description="Names the fastest model of the mechanics, finite elements or linear "
-        "elasticity, whose error against finite elements on a fine mesh is at most the one given. "
-        "All measured errors and times: tests/reports/pareto.md. Networks of pads are not among "
-        "them.",
+        description="Names the fastest model of the mechanics, whether network, linear elasticity "
+        "or finite elements, whose error against fine quadratic elements is at most the one given. "
+        "All measured errors and times: tests/reports/pareto.md.",
     )
     parser.add_argument("--error", required=True, help="largest error, such as 3%% or 0.03")
     parser.add_argument(
         "--of", default="force", help="displacement, stress, force (if not given) or peak"
     )
     parser.add_argument(
-        "--panel", help="kind of presses: held-out (if not given), deep, tiny, soft or stiff"
+        "--panel", help="kind of presses: unseen (if not given), deep, tiny, soft or stiff"
     )
     parser.add_argument(
         "--worst", action="store_true", help="the error's 95th percentile in place of its median"
