@@ -2,11 +2,13 @@
 
 The truth is that of ``tests/reference/presses.py``, for frames straight down. It is kept beside the
 rows, so that another network is judged within minutes. --weights RUN/weights.safetensors … judges
-networks beside the shipped one. --quick asks one press, of another set.
+networks beside the shipped one. --truth only judges the truth by quadratic elements, on the presses
+of `pareto`. --quick asks one press, of another set.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from argparse import ArgumentParser, Namespace
@@ -16,7 +18,8 @@ from typing import Any
 import numpy as np
 
 import ruffini
-from engine import COLOURS, KEPT, ROOT, Rows, made, plt, quantiles, readable, run, table, text
+import unseen_truth
+from engine import COLOURS, KEPT, OUT, ROOT, Rows, made, plt, quantiles, readable, run, table, text
 from engine.rows import header
 from ruffini import Press, PressError
 from ruffini._errors import apart
@@ -66,6 +69,7 @@ def options(parser: ArgumentParser) -> None:
     """Adds options: presses, networks."""
     parser.add_argument("--weights", nargs="+", type=Path, default=[], help="other networks")
     parser.add_argument("--count", type=int, default=48, help="presses; 48 if not given")
+    parser.add_argument("--truth", action="store_true", help="judge the truth alone")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 if not given")
 
 
@@ -74,6 +78,8 @@ def make(options: Namespace) -> dict[str, Any]:
     others = {f"network {file.resolve().parent.name}": file for file in options.weights}
     if len(others) < len(options.weights) or len(others) > len(OTHERS):
         raise SystemExit(f"--weights: at most {len(OTHERS)}, from folders of other names")
+    if options.truth:
+        return of_truth(options)
     count = 1 if options.quick else options.count
     sizes = {"presses": count} | ({"networks": ", ".join(others)} if others else {})
     rows = Rows.of("unseen", options, MADE_OF, sizes)
@@ -85,7 +91,20 @@ def make(options: Namespace) -> dict[str, Any]:
     found = [{name: row[name] for name in about} | frame for row in rows for frame in row["frames"]]
     ended = {row["press"]: row["ended"] for row in rows if row["ended"]}
     note = {"note": options.note} if options.note else {}
-    return rows.header | note | {"ended": ended, "rows": found, "table": groups(found)}
+    before = OUT / "unseen.json"
+    kept_part = json.loads(before.read_text()).get("truth") if before.exists() else None
+    own = {} if kept_part is None or options.quick else {"truth": kept_part}
+    return rows.header | note | {"ended": ended, "rows": found, "table": groups(found)} | own
+
+
+def of_truth(options: Namespace) -> dict[str, Any]:
+    """The report that there is, with the errors of the truth."""
+    rows = Rows.of("unseen-truth", options, [*TRUTH_OF, "py/reports/unseen_truth.py"], {})
+    kept = KEPT / options.form / f"truth-{rows.header['commit']}"
+    numbers = unseen_truth.numbers()
+    run(rows, {str(n): (unseen_truth.judged, n, DOWN, kept) for n in numbers}, options.jobs)
+    found = {"commit": rows.header["commit"], **unseen_truth.summary(list(rows))}
+    return json.loads((OUT / "unseen.json").read_text()) | {"truth": found}
 
 
 def models(case: presses.DrawnPress, others: dict[str, Path]) -> dict[str, Any]:
@@ -196,6 +215,8 @@ contact, which is nearly free from the error of that mesh. Rows *truth* show how
 by the meshes of the training data, of 3,000 and 500 nodes. The cells of contact are the same in
 both, and are not part of that.
 
+{truth}
+
 *network* is `Surrogate()`, *linear, on cells* the answer that it corrects, `LinearPad()`. Relative
 errors in %, median and 95th percentile.
 
@@ -232,6 +253,7 @@ def page(report: dict[str, Any]) -> str:
         PAGE,
         report,
         errors=table(columns, rows),
+        truth=unseen_truth.paragraph(report["truth"]) if "truth" in report else "",
         predicted=predicted(found["predicted"]) if "predicted" in found else "",
         unsolved=", ".join(f"{name} {count}" for name, count in found["unsolved"].items()),
         ended=unknown(report),
