@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import ruffini
-from load_cases import faces_of, turned
 from ruffini import Press
-from sliding_cases import HELD, Pose, sized
+from sliding_cases import HELD, Pose, in_pads, sized
 
 
 class NetworkSlip:
@@ -40,10 +38,7 @@ class NetworkSlip:
         """Returns the observation of now with the network's ``slip``. Call it once in a step."""
         look = self._env.look()
         slip = np.array(observation["slip"])
-        faces = faces_of(look, np.array(look["pad_wrenches"], float))
-        for pad, (center, axes) in enumerate(faces):
-            place = axes.T @ (np.array(look["object_position"]) - center)
-            turn = Rotation.from_matrix(axes.T @ turned(look["object_quaternion"])).as_quat()
+        for pad, (place, turn) in enumerate(in_pads(look)):
             path: list[Pose] = [(place, turn)]
             if self._histories[pad] is None:
                 path.insert(0, (np.array([0.0, 0.0, place[2]]), turn))

@@ -113,10 +113,7 @@ def episode(seed: int) -> dict[str, Any]:
     state = None
     for _ in range(STEPS):
         look = env.unwrapped.look()
-        center, axes = faces_of(look, np.array(look["pad_wrenches"], float))[0]
-        place = axes.T @ (np.array(look["object_position"]) - center)
-        turn = Rotation.from_matrix(axes.T @ turned(look["object_quaternion"]))
-        found["path"].append((place, turn.as_quat()))
+        found["path"].append(in_pads(look)[0])
         found["sliding"].append(float(observation["slip"][0]))
         found["force"].append([float(x) for x in observation["wrench"][:3]])
         batch = {name: values[None] for name, values in observation.items()}
@@ -124,6 +121,15 @@ def episode(seed: int) -> dict[str, Any]:
         observation, *_ = env.step(action[0])
     env.close()
     return found | {"shape": sized(look, vertices), "friction": look["friction"]}
+
+
+def in_pads(look: dict[str, Any]) -> list[Pose]:
+    """Pose of the object in the frame of each pad."""
+    position, axes = np.array(look["object_position"]), turned(look["object_quaternion"])
+    return [
+        (own.T @ (position - center), Rotation.from_matrix(own.T @ axes).as_quat())
+        for center, own in faces_of(look, np.array(look["pad_wrenches"], float))
+    ]
 
 
 def sized(look: dict[str, Any], vertices: Any) -> Shape:
