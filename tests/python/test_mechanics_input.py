@@ -50,6 +50,12 @@ REFUSED = {
     "100 to 200000": lambda: ruffini.sensor("digit", resolution=10),
     "around: found array (3,)": lambda: ruffini.sensor("digit", around=[0, 0, 0]),
     "around: found 0": lambda: ruffini.sensor("digit", around=np.zeros((0, 3))),
+    "around: found a press with a force": lambda: ruffini.sensor(
+        "digit", around=Press(BALL, pose=ball_at(0, 0), force=1.0, direction=(0, 0, -1))
+    ),
+    "around: found a press that does not reach": lambda: ruffini.sensor(
+        "digit", around=Press(BALL, [ball_at(0, -1e-2)])
+    ),
     "for a pad of this size": lambda: ruffini.sensor("digit", resolution=200, around=[[0, 0, 0]]),
     "radius: found -1": lambda: Shape.sphere(-1.0),
     "half_extents: found one number": lambda: Shape.cuboid(1e-3),

@@ -2,11 +2,19 @@
 
 use std::ops::{Add, Sub};
 
-use nalgebra::{Isometry3, Unit, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::History;
-use crate::{Error, Result, geometry::Shape, sensor::MOST_FRICTION};
+use crate::{
+    Error, Result,
+    geometry::{Footprint, PadOutline, Shape},
+    sensor::MOST_FRICTION,
+};
+
+/// Most frames of a path that its footprint is made of, and most of its places.
+const FRAMES_OF_FOOTPRINT: usize = 32;
+const PLACES: usize = 4000;
 
 /// Rigid shapes pressed into one soft body.
 #[derive(Clone, Debug)]
@@ -265,6 +273,31 @@ impl Press {
     /// The rigid shapes (S).
     pub fn shapes(&self) -> &[Shape] {
         &self.shapes
+    }
+
+    /// Places on the face of a pad (in its frame, m) that the shapes would cover along the path if
+    /// the gel deformed nowhere else, towards which a mesh can be graded.
+    ///
+    /// # Errors
+    ///
+    /// A press with a force, whose depth is not known, and one that does not reach the face.
+    pub fn footprint(&self, outline: &PadOutline) -> Result<Vec<Point3<f64>>> {
+        let Drive::Translation { path } = &self.drive else {
+            let expected = "points, or a press along a path: how deep a force goes is not known";
+            return Err(Error::invalid("around", "a press with a force", expected));
+        };
+        let every = path.len().div_ceil(FRAMES_OF_FOOTPRINT);
+        // From the last on, which is the deepest as a rule.
+        let frames = path.iter().rev().step_by(every.max(1));
+        let placed: Vec<_> =
+            frames.flat_map(|frame| self.shapes.iter().zip(frame.iter().copied())).collect();
+        let found = Footprint::new(outline, &placed, |least| f64::max(0.0, 1.2 * least));
+        let places = found.places(PLACES);
+        if places.is_empty() {
+            let found = "a press that does not reach the pad";
+            return Err(Error::invalid("around", found, "one that touches its face"));
+        }
+        Ok(places)
     }
 
     /// Motion of the shapes.

@@ -7,6 +7,7 @@ mod distance;
 #[cfg(test)]
 mod examples;
 mod field_file;
+mod footprint;
 mod graded_pad;
 mod length;
 mod mesh_file;
@@ -25,6 +26,8 @@ mod transfer;
 
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};
+pub use footprint::Footprint;
+pub(crate) use footprint::{COARSE, face, finer, gap};
 pub use graded_pad::GradedPad;
 pub use mesh_file::{read_solid, read_surface};
 pub use pad_mesh::{Grading, PadMesh, plan_shares};

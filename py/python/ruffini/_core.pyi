@@ -377,7 +377,7 @@ def sensor(
     name: str,
     calibration: str | None = None,
     resolution: int | None = None,
-    around: ArrayLike | None = None,
+    around: ArrayLike | Press | None = None,
 ) -> SoftBody: ...
 
 @final

@@ -1,5 +1,6 @@
 //! Soft bodies, and the gel pads of known sensors.
 
+use nalgebra::Point3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use ruffini_core::{
@@ -9,7 +10,7 @@ use ruffini_core::{
 };
 
 use super::{
-    TetMesh,
+    Press, TetMesh,
     arrays::{indices, numbers, read_only, refused, rows},
 };
 use crate::error::python_error;
@@ -111,7 +112,8 @@ fn young_moduli(young: &Bound<'_, PyAny>, tets: usize) -> PyResult<Vec<f64>> {
 ///     calibration: Name of the material, "tacflex" or "feats" for the GelSight Mini; the first of
 ///         the sensor if not given.
 ///     resolution: Approximate number of nodes, which is never exceeded; 2,000 if not given.
-///     around: Points (K, 3) in m near which the mesh is fine, such as expected contacts; its
+///     around: A Press along a path, in the frame of the pad: the mesh is fine where its shapes
+///         would cover the undeformed face. Or points (K, 3) in m near which it is fine. Its
 ///         spacing grows with the distance from the nearest. Nodes go to the points first, down to
 ///         a spacing of a thousandth of the thickness; further ones make the mesh finer
 ///         everywhere. The middle of the face if not given.
@@ -131,23 +133,43 @@ pub(crate) fn sensor(
     let nodes = resolution.map_or(Ok(RESOLUTION), |nodes| {
         usize::try_from(nodes).map_err(|_| refused("resolution", nodes, "100 nodes or more"))
     })?;
-    let around = around.map(|points| rows::<3>("around", points)).transpose()?;
-    let inner = || pad(name, calibration, nodes, around.as_deref());
+    let around = around.map(Around::from_python).transpose()?;
+    let inner = || pad(name, calibration, nodes, around.as_ref());
     let inner = py.detach(inner).map_err(python_error)?;
     SoftBody::from_core(py, inner)
+}
+
+/// Where a mesh is to be fine.
+enum Around {
+    Points(Vec<Point3<f64>>),
+    Press(deformation::Press),
+}
+
+impl Around {
+    fn from_python(found: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(press) = found.cast::<Press>() {
+            return Ok(Self::Press(press.get().inner.clone()));
+        }
+        let points = rows::<3>("around", found)?;
+        Ok(Self::Points(points.into_iter().map(Into::into).collect()))
+    }
 }
 
 fn pad(
     name: &str,
     calibration: Option<&str>,
     nodes: usize,
-    around: Option<&[[f64; 3]]>,
+    around: Option<&Around>,
 ) -> Result<deformation::SoftBody> {
     let sensor = Sensor::open(name)?;
     let gel = sensor.calibration(calibration)?;
-    let (mesh, base) = if let Some(points) = around {
-        let points: Vec<_> = points.iter().map(|&p| p.into()).collect();
-        let pad = sensor.outline.graded(&points, nodes)?;
+    let outline = &sensor.outline;
+    let graded = match around {
+        Some(Around::Points(points)) => Some(outline.graded(points, nodes)?),
+        Some(Around::Press(press)) => Some(outline.graded(&press.footprint(outline)?, nodes)?),
+        None => None,
+    };
+    let (mesh, base) = if let Some(pad) = graded {
         (pad.mesh, pad.base)
     } else {
         let pad = sensor.pad(nodes)?;
