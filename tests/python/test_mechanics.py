@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from bodies import BALL, PLATE, ball_at, block, box, gel, graded, plate_at
+from bodies import BALL, PLATE, UPRIGHT, ball_at, block, box, gel, graded, plate_at
 
 import ruffini
 from ruffini import (
