@@ -249,7 +249,7 @@ balance (0.1 µN if not said). *Paper's B* is a network of DefGraspNets, trained
 Presses: *unseen* are drawn at random as in [unseen.md](unseen.md), with other numbers: indenters of
 families that the network never saw, with features of 0.5 to 10 mm, pressed 5 µm to 2 mm deep into
 gels of 10 kPa to 3 MPa, frames at half the depth and at all of it, each reached in four load steps.
-In the other panels balls of 2, 4 and 8 mm and blocks of 2 and 5 mm (radius, half an edge) are
+In the other panels balls of 2, 4 and 8 mm and a block of 5 mm (radius, half an edge) are
 pressed straight down: *deep* 1.6 to 2.4 mm, *tiny* 5 to 50 µm, *soft* into a gel of 20 kPa and
 *stiff* into one of 5 MPa, both 0.3 to 1 mm. *u* is displacement, *σ* von Mises stress, *force* the
 net force, *peak* the stress where it is highest.
