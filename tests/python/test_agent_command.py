@@ -76,6 +76,16 @@ def test_success_is_shown_once_every_environment_has_ended_an_episode(tmp_path, 
     assert re.search(r"success \d+%, return \d", shown[1]), shown
 
 
+def test_a_job_that_is_submitted_again_begins_or_ends_as_it_has_to(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.chdir(tmp_path)
+    words = ["train", "HoldStill", "--settings", json.dumps(COARSE), *EIGHT, "--resume"]
+    assert command(*words, "--steps", 256) == 0
+    assert "runs/HoldStill-v0-0: nothing to go on with, a new run" in capsys.readouterr().out
+    assert command(*words) == 0
+    assert "HoldStill-v0-0: has its 256 steps" in capsys.readouterr().out
+
+
 def test_a_run_goes_on(run, tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
     folder = tmp_path / "again"
@@ -84,7 +94,9 @@ def test_a_run_goes_on(run, tmp_path, capsys):
     assert command(*words, "--steps", 256) == 2
     assert "again holds a run: give --resume to go on, or another --out" in capsys.readouterr().err
     go_on = ["train", "HoldStill", "--resume", "--out", folder]
-    assert command(*go_on) == 2
+    assert command(*go_on) == 0
+    assert "again: has its 256 steps" in capsys.readouterr().out
+    assert command(*go_on, "--steps", 256) == 2
     assert "steps: found 256, expected more than the run's 256" in capsys.readouterr().err
     harder = ["--steps", 500, "--settings", '{"load": 0.5}']
     assert command(*go_on, *harder) == 0

@@ -277,9 +277,11 @@ def test_a_plain_number_counts_for_all_rows():
 
 def test_a_rule_reads_what_soft_pads_feel_by_name():
     def reward(self, state):
+        assert np.shares_memory(state.part("wrench", "force, -x pad"), state.channels["wrench"])
         seen.append((state.part("wrench", "force, +x pad"), state.channels["wrench"]))
         return {"low": np.zeros(2)}
 
+    # The minus sign of a name may be typed as a hyphen.
     seen: list = []
     felt = {"tactile": "compliance", "observation": ["proprio", "wrench"]}
     envs = CustomVectorEnv(case(reward=reward), 2, **felt)

@@ -67,6 +67,20 @@ def test_the_check_sums_a_sensor_up_and_draws_it(file, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_check_says_which_models_take_each_material_and_where_markers_do_not_fit(file, capsys):
+    text = file.read_text()
+    linear = 'name = "other"\nyoung = 3e5\npoisson = 0.47\nlaw = "linear"\nsource = "none"\n'
+    file.write_text(f"{text}\n[[calibration]]\n{linear}")
+    assert main(["sensor", "check", str(file)]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    [first, second] = [row for row in rows if row.startswith("tactile")]
+    assert first.startswith("tactile      surrogate, compliance, fem")
+    assert "compliance, fem; not surrogate: found linear, expected a neo-hookean" in second
+    file.write_text(text.replace("pitch = 2.06e-3", "pitch = 5e-3"))
+    assert main(["sensor", "check", str(file)]) == 2
+    assert "expected places on the face" in capsys.readouterr().err
+
+
 def test_options_of_the_check_are_refused_before_anything_is_solved(file, capsys):
     for words, text in (
         (["--plot", "a.xyz"], "plot: found a.xyz, expected a name that ends in .png or .svg"),

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from ruffini._settings import read_json
 from ruffini._spaces import (
     MOST_ENVIRONMENTS,
     MOST_STEPS,
@@ -18,6 +19,7 @@ from ruffini._spaces import (
 )
 from ruffini.agents import (
     CHECKPOINT_AGENT,
+    RUN,
     SUFFIX,
     Agent,
     checkpoint,
@@ -75,7 +77,12 @@ def _add_train(parts: Any) -> None:
     parser.add_argument("--settings", help=f"{_SETTINGS}; may change when a run goes on")
     parser.add_argument("--out", type=Path, help="folder of the run; runs/TASK-SEED if not given")
     begin = parser.add_mutually_exclusive_group()
-    begin.add_argument("--resume", action="store_true", help="go on from the last checkpoint")
+    begin.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on from the last checkpoint; without --out a "
+        "run that has not begun is begun, and one that has its steps is left as it is",
+    )
     begin.add_argument(
         "--from",
         dest="begin",
@@ -129,10 +136,18 @@ def _train(options: argparse.Namespace) -> None:
     if last_checkpoint(folder) is not None and not options.resume:
         raise ValueError(f"out: {folder} holds a run: give --resume to go on, or another --out")
     agent = load(options.begin) if options.begin is not None else None
-    if options.resume:
+    # Jobs of a queue are submitted again as they were, whether they have begun, ended or neither.
+    resumes = options.resume and (options.out is not None or last_checkpoint(folder) is not None)
+    if resumes:
         agent = Agent.read(checkpoint(folder) / CHECKPOINT_AGENT)
         if agent.env_id != env_id:
             raise ValueError(f"task: found {env_id}, expected {agent.env_id}, that of {folder}")
+        asked = read_json(folder / RUN).get("params", {}).get("steps", MOST_STEPS + 1)
+        if options.steps is None and agent.card["steps"] >= asked:
+            print(f"{folder}: has its {agent.card['steps']:,} steps")
+            return
+    elif options.resume:
+        print(f"{folder}: nothing to go on with, a new run")
     kept = {} if agent is None else agent.settings
     space = observation_space(env_id, kept | changes, "settings")
     if agent is not None:
@@ -145,7 +160,7 @@ def _train(options: argparse.Namespace) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     print(f"{env_id}: PPO, in {folder}", flush=True)
     try:
-        if options.resume:
+        if resumes:
             training.resume(folder, settings=changes, **given)
         else:
             training.train(env_id, options.seed, folder, settings=changes, agent=agent, **given)

@@ -161,6 +161,10 @@ def _check(options: argparse.Namespace, known: list[str]) -> None:
 
 
 def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
+    for text in options.indenter:
+        if text in shapes.OBJECTS:
+            expected = f"what was pressed, with its lengths: {shapes.FORMS}, or a .obj or .stl file"
+            raise ValueError(f"indenter: found {text}, an object of the tasks, expected {expected}")
     indenters = options.indenter * (len(options.curves) // len(options.indenter))
     pairs = zip(options.curves, indenters, strict=True)
     return [read_curve(path, shapes.shape(text), thickness) for path, text in pairs]

@@ -86,7 +86,7 @@ class Curve:
 def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     """Read a .csv file with the columns ``depth_m`` and ``force_n``, for a gel that thick (m).
 
-    Lines that begin with # are left out.
+    Lines that begin with # are left out, and so are points before the first force.
 
     Raises:
         ValueError: If a column or a number is missing, depths do not increase, a force is
@@ -106,6 +106,10 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     if not points:
         raise ValueError(f"{path}: found no points")
     depths, forces = np.array(points).T
+    # Where nothing is felt yet, the depth says nothing of the gel.
+    touching = int(np.argmax(forces > 0.0))
+    if forces[touching] == 0.0:
+        raise ValueError(f"{path}: found no force above 0")
     if (steps := np.diff(depths)).min(initial=1.0) <= 0.0:
         first = int(np.argmax(steps <= 0.0))
         text = f"found depth {depths[first + 1]:g} m after {depths[first]:g} m"
@@ -124,7 +128,7 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     if forces[1:].size and (forces[-1] <= forces[0] or fall > _FALL * highest[-1]):
         text = f"found {forces[worst]:g} N at {depths[worst]:g} m after {highest[worst]:g} N"
         raise ValueError(f"{path}: {text}, expected forces that grow with depth")
-    return Curve(str(path), indenter, depths, forces)
+    return Curve(str(path), indenter, depths[touching:], forces[touching:])
 
 
 def _point(place: str, row: Mapping[str, Any]) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 import ruffini
@@ -134,7 +135,9 @@ def _summary(file: str, found: dict[str, Any]) -> dict[str, str]:
         f"{camera['pixels'][0]} x {camera['pixels'][1]} pixels, a view of {view[0]:.1f} x "
         f"{view[1]:.1f} mm"
     )
-    rows["tactile"] = _models(file)
+    for number, material in enumerate(found["calibration"]):
+        row = "tactile" if number == 0 else f"tactile {number + 1}"
+        rows[row] = _models(file, material["name"])
     return rows
 
 
@@ -157,15 +160,26 @@ def _stiffness(file: str, thickness: float) -> str:
     )
 
 
-def _models(file: str) -> str:
-    """Values of the setting ``tactile`` that take the pad, and why others do not."""
+def _models(file: str, material: str) -> str:
+    """Values of the setting ``tactile`` that take the pad, and why others do not.
+
+    Raises:
+        ValueError: If none does, such as for markers beside the face.
+    """
+
+    def made(model: str) -> None:
+        task = "ruffini/HoldStill-v0"
+        gym.make(task, sensor=file, material=material, tactile=model).close()
+
+    # Its environment is made at once; what it needs, all need.
+    made("fem")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ruffini.OutsideTrainingWarning)
-            ruffini.Surrogate(file)
+            made("surrogate")
     except ValueError as error:
         return f"compliance, fem; not surrogate: {str(error).partition(': ')[2]}"
-    other = unlike(SHIPPED, file)
+    other = unlike(SHIPPED, file, material)
     known = f"; surrogate is trained on other pads: {', '.join(other)}" if other else ""
     return f"surrogate, compliance, fem{known}"
 

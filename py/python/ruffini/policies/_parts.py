@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ruffini._schema import SCHEMA, TACTILE_CHANNELS, TASKS
 from ruffini._settings import nearest
 
+_MINUS = "\u2212"
+
 Places = Mapping[tuple[str, str], slice]
 """Place of each component in its channel, by the names of both."""
 
@@ -25,7 +27,9 @@ def _places(
         start = 0
         for name, size in components:
             place = slice(start, start + size)
-            places[channel, name] = places[channel, name.partition(": ")[0]] = place
+            for known in (name, name.partition(": ")[0]):
+                # A minus sign may be typed as a hyphen.
+                places[channel, known] = places[channel, known.replace(_MINUS, "-")] = place
             start += size
     return places
 
