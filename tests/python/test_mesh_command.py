@@ -68,7 +68,7 @@ def test_a_hole_is_closed(box, tmp_path, capsys):
     assert main(["mesh", str(broken)]) == 2
     assert "not watertight" in capsys.readouterr().err
     assert main(["mesh", str(broken), "--repair", str(mended)]) == 0
-    assert "holes closed: +1 triangles" in capsys.readouterr().out
+    assert "holes closed: 1 triangles more" in capsys.readouterr().out
     assert abs(trimesh.load(mended, force="mesh").volume / 3.6e-5 - 1) < 1e-5
 
 
@@ -138,9 +138,22 @@ def test_triangles_that_face_inwards_are_told(box, tmp_path, capsys):
 def test_the_size_that_fits_the_gripper_is_named(tmp_path, capsys):
     file = tmp_path / "wide.stl"
     trimesh.creation.box((0.1, 0.12, 0.1)).export(file)
-    assert main(["mesh", str(file)]) == 0
-    assert "100 mm across its narrowest side" in (said := capsys.readouterr().out)
+    assert main(["mesh", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert "refuse it as it is; 100 mm across its narrowest side" in said
     assert "give size below 0.80" in said
+
+
+def test_parts_and_an_origin_beside_the_middle_are_told(tmp_path, capsys):
+    file = tmp_path / "two.stl"
+    boxes = [
+        trimesh.creation.box((0.01, 0.01, 0.01)).apply_translation([x, 0, 0]) for x in (0, 0.02)
+    ]
+    trimesh.util.concatenate(boxes).export(file)
+    assert main(["mesh", str(file)]) == 2
+    said = capsys.readouterr()
+    assert "24, closed, 2 separate parts" in said.out
+    assert "its origin is beside its middle: give centred=True" in said.err
 
 
 def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):

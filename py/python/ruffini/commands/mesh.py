@@ -1,4 +1,4 @@
-"""``ruffini mesh``: whether a mesh file can be an object, and repair of small defects."""
+"""``ruffini mesh``: check of a mesh file that is to be an object, and repair of small defects."""
 
 from __future__ import annotations
 
@@ -57,15 +57,21 @@ def _run(options: argparse.Namespace) -> None:
     print(f"{'size':<12} {' x '.join(f'{1e3 * extent:.4g}' for extent in extents)} mm")
     print(f"{'volume':<12} {1e6 * options.scale**3 * abs(mesh.volume):.4g} cm³")
     turned = "; all face inwards, and are turned as it is read" if mesh.volume < 0 else ""
-    print(f"{'triangles':<12} {len(mesh.faces)}, closed{turned}")
-    if fitting <= 1:
-        narrow = f"{1e3 * extents.min():.4g} mm across its narrowest side"
-        print(f"{'width':<12} {narrow}, more than the gripper opens: give size below {fitting:.2f}")
-    middle = options.scale * mesh.bounds.mean(axis=0)
-    if (abs(middle) > _OFF_CENTRE * extents).any():
-        print(f"{'origin':<12} beside the solid's middle: give centred=True in objects")
+    merged = mesh.copy()
+    merged.merge_vertices(merge_tex=True, merge_norm=True)
+    parts = f", {merged.body_count} separate parts" if merged.body_count > 1 else ""
+    print(f"{'triangles':<12} {len(mesh.faces)}, closed{parts}{turned}")
     if unit := _unit(mesh, options.scale):
         print(f"{'unit':<12} {unit}")
+    refused = []
+    if fitting <= 1:
+        narrow = f"{1e3 * extents.min():.4g} mm across its narrowest side"
+        refused.append(f"{narrow}, more than the gripper opens: give size below {fitting:.2f}")
+    middle = options.scale * mesh.bounds.mean(axis=0)
+    if (abs(middle) > _OFF_CENTRE * extents).any():
+        refused.append("its origin is beside its middle: give centred=True in objects")
+    if refused:
+        raise ValueError(f"{file}: environments refuse it as it is; {'; '.join(refused)}")
 
 
 def _unit(mesh: Any, scale: float) -> str:
@@ -113,7 +119,7 @@ def _repair(file: Path, out: Path) -> list[str]:
         after = len(mesh.vertices), len(mesh.faces)
         if before != after:
             changes = [
-                f"{new - old:+d} {what}"
+                f"{abs(new - old)} {what} {'more' if new > old else 'fewer'}"
                 for old, new, what in zip(before, after, ("vertices", "triangles"), strict=True)
                 if old != new
             ]
@@ -122,6 +128,9 @@ def _repair(file: Path, out: Path) -> list[str]:
     change(
         "coincident vertices merged", lambda: mesh.merge_vertices(merge_tex=True, merge_norm=True)
     )
+    if file.suffix.lower() == ".stl":
+        # Such a file has the corners of every triangle by themselves.
+        said.clear()
     change("flat triangles removed", lambda: mesh.update_faces(mesh.nondegenerate_faces()))
     change("double triangles removed", lambda: mesh.update_faces(mesh.unique_faces()))
     change("holes closed", mesh.fill_holes)
@@ -133,7 +142,7 @@ def _repair(file: Path, out: Path) -> list[str]:
     if not mesh.is_watertight:
         raise ValueError(
             f"{file}: not watertight after repair, which closes holes of three and four edges; "
-            f"expected a closed surface"
+            f"expected a closed surface: mend larger ones in MeshLab or Blender"
         )
     content = mesh.export(file_type=out.suffix.lower()[1:])
     with writing(out):
