@@ -36,7 +36,7 @@ README = [
     ("{} % in stress", "unseen", "table / all / network / stress / 0"),
     ("{} % in force", "unseen", "table / all / network / force / 0"),
     ("it corrects has {} %,", "unseen", "table / all / linear, on cells / displacement / 0"),
-    ("%, {} % and", "unseen", "table / all / linear, on cells / stress / 0"),
+    ("has 12 %, {} % and 4", "unseen", "table / all / linear, on cells / stress / 0"),
     ("% and {} %. [Where", "unseen", "table / all / linear, on cells / force / 0"),
     ("it has {} %,", "pareto", "panels / unseen / network / errors / displacement / median"),
     ("it has 11 %, {} % and", "pareto", "panels / unseen / network / errors / stress / median"),
