@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ruffini import OBJECTS
 from ruffini._core import read_sensor
 from ruffini._plot import check
 from ruffini._spaces import check_writable, writing
@@ -162,7 +163,7 @@ def _check(options: argparse.Namespace, known: list[str]) -> None:
 
 def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
     for text in options.indenter:
-        if text in shapes.OBJECTS:
+        if text in OBJECTS:
             expected = f"what was pressed, with its lengths: {shapes.FORMS}, or a .obj or .stl file"
             raise ValueError(f"indenter: found {text}, an object of the tasks, expected {expected}")
     indenters = options.indenter * (len(options.curves) // len(options.indenter))
