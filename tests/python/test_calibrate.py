@@ -264,6 +264,24 @@ def test_a_file_without_the_columns_is_refused(tmp_path):
         read_curve(REFERENCE / "taxim_force_depth.csv", BALL, 4e-3)
 
 
+def test_points_before_the_first_force_are_left_out(tmp_path):
+    file = tmp_path / "curve.csv"
+    file.write_text("depth_m,force_n\n0,0\n1e-4,0\n5e-4,0.3\n8e-4,0.7\n")
+    curve = read_curve(file, BALL, 4e-3)
+    assert (curve.depths.tolist(), curve.forces.tolist()) == ([5e-4, 8e-4], [0.3, 0.7])
+    file.write_text("depth_m,force_n\n0,0\n1e-4,0\n")
+    with pytest.raises(ValueError, match="found no force above 0"):
+        read_curve(file, BALL, 4e-3)
+
+
+def test_an_indenter_without_lengths_is_refused(tmp_path, capsys):
+    file = tmp_path / "curve.csv"
+    file.write_text("depth_m,force_n\n5e-4,0.3\n8e-4,0.7\n")
+    words = ["calibrate", str(file), "--sensor", "gelsight-mini", "--indenter", "sphere"]
+    assert main(words) == 2
+    assert "indenter: found sphere, an object of the tasks" in capsys.readouterr().err
+
+
 def test_the_measured_curve_of_a_gelsight_mini_is_read():
     curve = read_curve(REFERENCE / "feats_force_depth.csv", BALL, 4e-3)
     assert curve.depths.tolist() == [5e-4, 1e-3, 1.5e-3, 2e-3]

@@ -175,7 +175,8 @@ def as_policy(policy: Any, space: gym.Space[Any] | None = None) -> Policy:
         raise TypeError(f"policy: found {policy!r}, expected {expected} that returns actions")
     if not hasattr(policy, "predict"):
         return ScriptedPolicy(lambda observation, state: (policy(observation), state))
-    if space is not None and isinstance(trained := _space(policy), gym.Space):
+    trained = getattr(policy, "observation_space", None)
+    if space is not None and isinstance(trained, gym.Space):
         _check_same(trained, space)
     normaliser = normaliser_of(policy)
     return cast("Policy", policy) if normaliser is None else _Normalising(policy, normaliser)
@@ -221,11 +222,6 @@ class _Normalising:
         return self._policy.predict(seen, state, episode_start, deterministic)
 
 
-def _space(policy: Any) -> Any:
-    """Space of the observations that a model of Stable-Baselines3 was trained on."""
-    return getattr(policy, "observation_space", None)
-
-
 def _sizes(space: gym.Space[Any]) -> dict[str, Any]:
     """Shapes of a space by channel, or of flat observations."""
     if isinstance(space, gym.spaces.Dict):
@@ -241,12 +237,9 @@ def _check_same(trained: gym.Space[Any], space: gym.Space[Any]) -> None:
     def told(shapes: dict[str, Any]) -> str:
         return ", ".join(f"{name} {shape}" for name, shape in shapes.items())
 
-    dicts = [isinstance(each, gym.spaces.Dict) for each in (trained, space)]
-    remedy = (
-        f"observation={list(found)}"
-        if all(dicts) and set(found) != set(given)
-        else ("the settings that it was trained with")
-    )
+    remedy = "the settings that it was trained with"
+    if "observations" not in found | given and set(found) != set(given):
+        remedy = f"observation={list(found)}"
     raise ValueError(
         f"policy: found one trained on {told(found)}; the environment gives {told(given)}, "
         f"expected the same: pass {remedy}"
@@ -254,7 +247,7 @@ def _check_same(trained: gym.Space[Any], space: gym.Space[Any]) -> None:
 
 
 def _within(observation: Any, space: Any) -> bool:
-    """Whether a batch of observations lies within the bounds of a space."""
+    """Return whether a batch of observations lies within the bounds of a space."""
     if isinstance(space, gym.spaces.Dict):
         return all(_within(observation[name], box) for name, box in space.items())
     if not isinstance(space, gym.spaces.Box):
