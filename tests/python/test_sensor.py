@@ -109,6 +109,24 @@ def test_the_check_names_all_that_is_wrong_at_once(file, capsys):
         ruffini.sensor(str(file))
 
 
+@pytest.mark.parametrize(
+    ("thickness", "said"),
+    [
+        ("0.0005", r"outline.thickness: found 0.0005 m, expected more than \S+ m: "),
+        (
+            "0.0013",
+            r"outline.rim_width: found 0.00287 m, expected less than \S+ m, "
+            r"or a thickness of more than \S+ m: ",
+        ),
+    ],
+)
+def test_a_face_that_falls_below_the_gel_is_told_by_the_key_to_change(thickness, said, file):
+    file.write_text(file.read_text().replace("thickness = 0.004", f"thickness = {thickness}"))
+    falls = r".* by 0.000405 m by radius_across, 0.000380 m by radius_along and 0.000856 m by the"
+    with pytest.raises(ValueError, match=said + falls):
+        ruffini.sensor(str(file))
+
+
 def test_a_pad_that_the_network_does_not_fit_is_told_which_would(file, capsys):
     file.write_text(file.read_text().replace("thickness = 0.004", "thickness = 0.006"))
     with pytest.raises(ValueError, match=r"6.0 mm thick.*a thickness of .* mm; \"compliance\""):

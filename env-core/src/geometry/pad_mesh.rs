@@ -538,7 +538,7 @@ mod tests {
         assert!(message(PadOutline { thickness: 0.0, ..flat }).starts_with("thickness"));
         assert!(message(PadOutline { radius_along: 0.01, ..flat }).starts_with("radius_along"));
         assert!(message(PadOutline { rim_width: 0.001, ..flat }).starts_with("rim_width"));
-        assert!(message(PadOutline { radius_across: 0.0105, ..flat }).starts_with("pad height"));
+        assert!(message(PadOutline { radius_across: 0.0105, ..flat }).starts_with("thickness"));
         let fine = PadMesh::new(&flat, &Grading::uniform(1e-5)).unwrap_err().to_string();
         assert!(fine.contains("at most 200000"), "{fine}");
         assert!(PadMesh::new(&flat, &Grading::uniform(f64::NAN)).is_err());

@@ -26,6 +26,9 @@ pub struct PadOutline {
     pub rim_radius: f64,
 }
 
+/// Least height of the corners, relative to the thickness.
+const LOWEST: f64 = 0.05;
+
 impl PadOutline {
     /// A block with a flat face and sharp edges.
     pub fn flat(length: f64, width: f64, thickness: f64) -> Self {
@@ -59,12 +62,38 @@ impl PadOutline {
             let expected = format!("0 to its radius and half of the shorter side ({most} m)");
             return Err(Error::invalid("rim_width", format!("{} m", self.rim_width), expected));
         }
-        let edge = self.thickness + self.height(0.5 * self.width, 0.5 * self.length);
-        if edge <= 0.05 * self.thickness {
-            let found = format!("{edge:.2e} m at the corners");
-            return Err(Error::invalid("pad height", found, "more than 5 % of the thickness"));
-        }
+        self.check_corners()?;
         Ok(self)
+    }
+
+    /// Returns an error unless the corners are higher than [`LOWEST`] of the thickness. It names
+    /// the rim if the corners would be high enough without one, otherwise the thickness.
+    fn check_corners(&self) -> Result<()> {
+        let crowns = [
+            sagitta(0.5 * self.width, self.radius_across),
+            sagitta(0.5 * self.length, self.radius_along),
+        ];
+        let (crown, rim) = (crowns[0] + crowns[1], sagitta(self.rim_width, self.rim_radius));
+        let most = (1.0 - LOWEST) * self.thickness;
+        if crown + rim < most {
+            return Ok(());
+        }
+        let thicker = (1e6 * (crown + rim) / (1.0 - LOWEST)).ceil() / 1e6;
+        let falls = format!(
+            "from its middle to its corners the face falls by {:.6} m by radius_across, {:.6} m by \
+             radius_along and {rim:.6} m by the rim",
+            crowns[0], crowns[1]
+        );
+        if crown >= most {
+            let expected = format!("more than {thicker} m: {falls}");
+            return Err(Error::invalid("thickness", format!("{} m", self.thickness), expected));
+        }
+        let deepest = most - crown;
+        let narrower = (deepest * (2.0 * self.rim_radius - deepest)).sqrt();
+        let narrower = (1e6 * narrower).floor() / 1e6;
+        let expected =
+            format!("less than {narrower} m, or a thickness of more than {thicker} m: {falls}");
+        Err(Error::invalid("rim_width", format!("{} m", self.rim_width), expected))
     }
 
     /// Height of the face at (x, y) (m): 0 at the apex, negative elsewhere.
@@ -137,6 +166,33 @@ mod tests {
         assert!(
             !contains(0.6 * outline.width, y, -1e-3) && !contains(x, 0.6 * outline.length, -1e-3)
         );
+    }
+
+    #[test]
+    fn corners_that_are_too_low_are_mended_by_the_numbers_that_the_message_names() {
+        let message = |outline: PadOutline| outline.validated().unwrap_err().to_string();
+        let named = |message: &str, before: &str| -> f64 {
+            let (_, rest) = message.split_once(before).unwrap_or_else(|| panic!("{message}"));
+            rest.split(" m").next().unwrap().parse().unwrap()
+        };
+        let thin = PadOutline { thickness: 0.0005, ..mini() };
+        let found = message(thin);
+        let expected = "thickness: found 0.0005 m, expected more than ";
+        let falls = "by 0.000405 m by radius_across, 0.000380 m by radius_along and 0.000856 m by";
+        assert!(found.starts_with(expected) && found.contains(falls), "{found}");
+        let thickness = named(&found, expected) + 1e-9;
+        assert!(PadOutline { thickness, ..thin }.validated().is_ok(), "{found}");
+        // The crown alone leaves corners, and the rim takes them.
+        let rimmed = PadOutline { thickness: 0.0013, ..mini() };
+        let found = message(rimmed);
+        let expected = "rim_width: found 0.00287 m, expected less than ";
+        assert!(found.starts_with(expected), "{found}");
+        let rim_width = named(&found, expected) - 1e-9;
+        assert!(PadOutline { rim_width, ..rimmed }.validated().is_ok(), "{found}");
+        let thickness = named(&found, "a thickness of more than ") + 1e-9;
+        assert!(PadOutline { thickness, ..rimmed }.validated().is_ok(), "{found}");
+        let wider = PadOutline { rim_width: rim_width + 1e-5, ..rimmed };
+        assert!(message(wider).starts_with("rim_width"), "{rim_width} m is not the most");
     }
 
     #[test]
