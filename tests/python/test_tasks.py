@@ -306,6 +306,22 @@ def test_settings_that_no_soft_object_has_are_refused(settings, message):
         gym.make(SQUEEZE, **settings)
 
 
+def test_a_wall_that_is_too_thin_to_be_squeezed_is_told_by_file_and_thickness(tmp_path):
+    file = tmp_path / "cup.obj"
+    vertices, faces = ruffini.Shape.cup(0.018, 0.018, 0.025, 0.0008).surface()
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices]
+    lines += [f"f {a} {b} {c}" for a, b, c in faces + 1]
+    file.write_text("\n".join(lines))
+    said = r"objects: found \S+cup.obj, a wall (\S+) mm thick, expected (\S+) mm or more everywhere"
+    with pytest.raises(ValueError, match=said) as error:
+        gym.make(SQUEEZE, objects=str(file))
+    thickness, least = map(float, re.search(said, str(error.value)).groups())
+    assert 0.75 < thickness < 0.81 < 1.0 < least
+    named = {"shape": "cup", "bottom": 0.018, "rim": 0.018, "half_height": 0.025, "wall": 0.0008}
+    with pytest.raises(ValueError, match=r"objects: found cup, .* a wall 0.80 mm thick"):
+        gym.make(SQUEEZE, objects=named)
+
+
 def test_the_picture_shows_the_squeezed_object():
     env = gym.make(SQUEEZE, **BALL, young=6e4, render_mode="rgb_array").unwrapped
     observation, _ = env.reset(seed=0)

@@ -34,7 +34,7 @@ use crate::{
     geometry::Shape,
     scene::ObjectModel,
     tactile::{Channel, Choice, Model, SoftObject, TactileModel, TactilePad},
-    task::{EpisodeParameters, ObservationLayout, TaskConfig},
+    task::{EpisodeParameters, ObjectSpec, ObservationLayout, TaskConfig},
 };
 
 /// Validated settings with the models built from them, shared by all rows.
@@ -118,9 +118,25 @@ fn tactile_model(config: &TaskConfig, models: &[ObjectModel]) -> Result<TactileM
     };
     let gripper = &config.scene.gripper;
     let extents = Vector3::new(gripper.pad_width, gripper.pad_length, gripper.pad_thickness);
-    let object =
-        |model: &ObjectModel| SoftObject::new(model.shape(), 0.5 * extents, material.poisson);
-    models.iter().map(object).collect::<Result<_>>().map(TactileModel::Objects)
+    let object = |(spec, model): (&ObjectSpec, &ObjectModel)| {
+        SoftObject::new(model.shape(), 0.5 * extents, material.poisson)
+            .map_err(|error| of_object(error, spec))
+    };
+    let objects = config.objects.iter().zip(models).map(object);
+    objects.collect::<Result<_>>().map(TactileModel::Objects)
+}
+
+/// An error about the mesh of a soft object, with the object named as in the settings.
+fn of_object(error: Error, spec: &ObjectSpec) -> Error {
+    match error {
+        Error::Invalid { name, found, expected } if name == "shape" => {
+            Error::invalid("objects", format!("{spec}, {found}"), expected)
+        }
+        Error::BadMesh { name, reason } => {
+            Error::BadMesh { name: format!("{spec} {name}"), reason }
+        }
+        other => other,
+    }
 }
 
 /// Returns an error if errors are observed that `tactile` does not predict.

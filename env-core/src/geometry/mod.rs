@@ -23,6 +23,7 @@ mod surface;
 mod tet_file;
 mod tet_mesh;
 mod transfer;
+mod walls;
 
 pub use distance::Distance;
 pub use field_file::{Field, FieldOn};

@@ -82,12 +82,26 @@ pub fn tets_within(shape: &Shape, nodes: usize) -> Result<TetMesh> {
     let volume = surface.mass_properties(1.0).mass;
     let mut spacing = (2.0 * volume / nodes as f64).cbrt();
     loop {
-        let mesh = TetMesh::of_shape(shape, spacing)?;
+        let mesh = TetMesh::of_shape(shape, spacing)
+            .map_err(|error| too_thin(shape, spacing).unwrap_or(error))?;
         if mesh.vertices.len() <= nodes {
             return Ok(mesh);
         }
         spacing *= (mesh.vertices.len() as f64 / nodes as f64).cbrt().max(1.005);
     }
+}
+
+/// The error of a solid with a wall that is thinner than the `spacing` of its tetrahedra (m).
+fn too_thin(shape: &Shape, spacing: f64) -> Option<Error> {
+    let wall = shape.thinnest_wall();
+    (wall < spacing).then(|| {
+        let found = format!("a wall {:.2} mm thick", 1e3 * wall);
+        let expected = format!(
+            "{:.2} mm or more everywhere, the length of the edges of its tetrahedra",
+            1e3 * spacing
+        );
+        Error::invalid("shape", found, expected)
+    })
 }
 
 /// All 64 objects: first those for training, then the novel ones, last the soft one.
