@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny_dataset import TINY
 
-from ruffini import dataset
+from ruffini import dataset, objects
 from ruffini._distributions import by_family
 
 pytest.importorskip("safetensors")
@@ -88,3 +88,10 @@ def test_more_soft_objects_than_there_are_are_refused(tmp_path):
         dataset.generate(tmp_path / "none", **{**SOFT, "objects": 65})
     with pytest.raises(ValueError, match="hard"):
         dataset.generate(tmp_path / "none", **{**SOFT, "scenario": "hard"})
+
+
+def test_an_unknown_first_object_is_told_the_nearest_and_all_names(tmp_path):
+    with pytest.raises(ValueError, match=r"first: found cuip-2, did you mean 'cup-2'\?") as error:
+        dataset.shards(**{**SOFT, "first": ["cuip-2"]})
+    for thing in objects():
+        assert thing.name in str(error.value)

@@ -14,7 +14,7 @@ use crate::{
     error::within,
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, TetMesh},
-    objects::{Object, catalogue, indenters},
+    objects::{Object, catalogue, indenters, names},
     sensor::Sensor,
 };
 
@@ -357,14 +357,18 @@ impl DatasetConfig {
     /// Returns an error if a name in `first` is not that of an object, or if the scenario has no
     /// soft objects.
     fn know_names(&self) -> Result<()> {
-        let known = match self.scenario {
+        let known: Vec<_> = match self.scenario {
             Scenario::Pads | Scenario::Presses => Vec::new(),
-            Scenario::Soft => catalogue(self.seed).into_iter().map(|o| o.name).collect(),
+            Scenario::Soft => names().collect(),
         };
-        match self.first.iter().find(|name| !known.contains(name)) {
-            Some(name) => Err(Error::invalid("first", name, "names of objects that are soft")),
-            None => Ok(()),
-        }
+        let Some(name) = self.first.iter().find(|name| !known.contains(name)) else {
+            return Ok(());
+        };
+        let expected = match &known[..] {
+            [] => "no names, which are for the scenario soft".to_owned(),
+            known => format!("one of {}", known.join(", ")),
+        };
+        Err(Error::invalid("first", name, expected))
     }
 }
 

@@ -111,6 +111,11 @@ pub fn catalogue(seed: u64) -> Vec<Object> {
     members.map(|(family, index)| Object::new(family, index, random.next_u64())).collect()
 }
 
+/// Names of the [`catalogue`], in its order.
+pub fn names() -> impl Iterator<Item = String> {
+    Family::ALL.iter().flat_map(|f| (1..=f.count()).map(move |number| format!("{f}-{number}")))
+}
+
 /// Families of [`indenters`] that touch at a few places: those of the catalogue for training, and
 /// two more.
 const INDENTERS: [Family; 11] = [

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use crate::{
     Error, Result,
     geometry::{Shape, StarShaped, Wave},
+    objects,
 };
 
 /// Names that [`named`] accepts.
@@ -48,12 +49,34 @@ pub fn named(name: &str) -> Result<Shape> {
         "hexagonal-peg" => {
             Shape::Prism { sides: 6, radius: 0.012 / f64::sqrt(3.0), half_height: 0.030 }
         }
-        _ => return Err(Error::invalid("object", format!("{name:?}"), known())),
+        _ => return Err(Error::invalid("object", format!("{name:?}"), known(name))),
     })
 }
 
-fn known() -> String {
-    format!("one of {}, a mesh file, or a shape with its lengths", CATALOGUE.join(", "))
+/// What can stand in the place of an unknown `name`.
+fn known(name: &str) -> String {
+    let known = CATALOGUE.join(", ");
+    let solid = nearest_solid(name).map_or_else(String::new, |solid| {
+        format!("; {solid} is a solid of ruffini.objects(), whose surface() makes a mesh file")
+    });
+    format!("one of {known}, a mesh file, or a shape with its lengths{solid}")
+}
+
+/// The solid of the dataset whose name is most like `name`, if it is near and none of [`CATALOGUE`]
+/// is nearer.
+fn nearest_solid(name: &str) -> Option<String> {
+    /// Likeness of names with a letter wrong or left out.
+    const LEAST: f64 = 0.9;
+    let likeness = |known: &str| strsim::jaro_winkler(name, known);
+    let own = CATALOGUE.map(likeness).into_iter().fold(LEAST, f64::max);
+    let mut nearest = None;
+    for solid in objects::names() {
+        let like = likeness(&solid);
+        if like >= own && nearest.as_ref().is_none_or(|(most, _)| like > *most) {
+            nearest = Some((like, solid));
+        }
+    }
+    nearest.map(|(_, solid)| solid)
 }
 
 fn star(semi_axes: [f64; 3], waves: &[(f64, [f64; 3], f64)]) -> Shape {
@@ -68,6 +91,25 @@ fn star(semi_axes: [f64; 3], waves: &[(f64, [f64; 3], f64)]) -> Shape {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn solids_of_the_dataset_are_told_from_unknown_names() {
+        let solid = "is a solid of ruffini.objects(), whose surface() makes a mesh file";
+        for (name, near) in [
+            ("jar-1", "jar-1"),
+            ("cup-9", "cup-1"),
+            ("tomato", "tomato-1"),
+            ("cucumbr-1", "cucumber-1"),
+            ("prism-15", "prism-1"),
+        ] {
+            let message = named(name).unwrap_err().to_string();
+            assert!(message.ends_with(&format!("; {near} {solid}")), "{message}");
+        }
+        for name in ["cupp", "potatoe", "thing"] {
+            let message = named(name).unwrap_err().to_string();
+            assert!(message.ends_with("or a shape with its lengths"), "{message}");
+        }
+    }
 
     #[test]
     fn every_name_makes_an_object_that_fits_between_the_open_pads() {
