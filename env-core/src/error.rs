@@ -179,6 +179,15 @@ impl Error {
         }
     }
 
+    /// Returns this error about a mesh with the mesh named by its `file`.
+    #[must_use]
+    pub fn of_mesh(self, file: &str) -> Self {
+        match self {
+            Self::BadMesh { reason, .. } => Self::BadMesh { name: file.to_owned(), reason },
+            other => other,
+        }
+    }
+
     /// Returns an [`Error::File`] from a path, or a name in its place, and any printable reason.
     #[allow(clippy::needless_pass_by_value)] // As for `invalid`.
     pub(crate) fn file(path: impl AsRef<std::path::Path>, reason: impl std::fmt::Display) -> Self {

@@ -12,7 +12,7 @@ mod training;
 
 use std::{path::PathBuf, sync::Arc};
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{
     prelude::*,
@@ -344,13 +344,26 @@ fn schema() -> String {
 }
 
 /// Builds the object of a mesh file as the environments do, its origin moved to its middle. Returns
-/// the `size` below which it fits between the open pads.
+/// the `size` below which it fits between the open pads, and of the object at rest on the table the
+/// direction in the file's axes that points down, and the height (m).
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
-fn check_mesh(py: Python<'_>, path: PathBuf, scale: f64) -> PyResult<f64> {
-    let model = || ObjectModel::new(read_solid(&path, scale, true)?);
-    let (low, high) = py.detach(model).map_err(python_error)?.surface().bounds();
-    Ok(Gripper::default().max_opening / (high - low).min())
+fn check_mesh(py: Python<'_>, path: PathBuf, scale: f64) -> PyResult<(f64, [f64; 3], f64)> {
+    let file = path.display().to_string();
+    let model = || {
+        let solid = read_solid(&path, scale, true)?;
+        ObjectModel::new(solid).map_err(|error| error.of_mesh(&file))
+    };
+    let model = py.detach(model).map_err(python_error)?;
+    let (low, high) = model.surface().bounds();
+    let rest = model.rest(1.0, 0.0, 0.0, 0.0);
+    let heights = model.surface().vertices().iter().map(|v| (rest * v).z);
+    let down = rest.inverse_transform_vector(&-Vector3::z());
+    Ok((
+        Gripper::default().max_opening / (high - low).min(),
+        down.into(),
+        heights.fold(0.0, f64::max),
+    ))
 }
 
 /// Compiled part of the `ruffini` package.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import gymnasium
@@ -120,10 +121,54 @@ def test_what_the_environments_refuse_is_refused(tmp_path, capsys):
     trimesh.creation.torus(0.02, 0.008, major_sections=160, minor_sections=160).export(file)
     assert main(["mesh", str(file)]) == 2
     refused = capsys.readouterr().err
-    assert "51200 triangles, expected at most 20000" in refused
+    assert f"mesh {file}: 51200 triangles, expected at most 20000" in refused
+    assert "simplify_quadric_decimation(face_count=20000)" in refused
     with pytest.raises(ValueError, match="51200 triangles") as error:
         gymnasium.make("ruffini/GraspLift-v0", objects=str(file), size=1, tactile="none")
     assert refused == f"ruffini: {error.value}\n"
+
+
+def test_a_file_of_too_many_triangles_is_told_what_to_do(tmp_path, capsys):
+    file = tmp_path / "scan.stl"
+    trimesh.creation.torus(0.02, 0.008, major_sections=260, minor_sections=200).export(file)
+    assert main(["mesh", str(file)]) == 2
+    refused = capsys.readouterr().err
+    assert f"mesh {file}: 104000 triangles, expected 4 to 100000; simplify it" in refused
+
+
+CAN = trimesh.creation.cylinder(0.02, 0.05, sections=64)
+BOX = trimesh.creation.box((0.02, 0.03, 0.04))
+TIP = trimesh.transformations.rotation_matrix(np.radians(40), (1, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("solid", "said"),
+    [
+        (
+            CAN,
+            r"lies on its side, unlike in the file: .* points down, z 90° .*; \S+ mm high, 50 mm",
+        ),
+        (BOX, None),
+        (BOX.copy().apply_transform(TIP), r"leans|lies on its side"),
+        (trimesh.creation.icosphere(subdivisions=3, radius=0.02), r"leans, .* 40 mm in the file"),
+    ],
+    ids=["can", "box", "tilted box", "ball that stands on a facet"],
+)
+def test_the_side_that_is_down_at_rest_is_told_if_it_is_another_one(solid, said, tmp_path, capsys):
+    file = tmp_path / "part.stl"
+    solid.export(file)
+    assert main(["mesh", str(file)]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("at rest")]
+    assert len(lines) == (said is not None)
+    env = gymnasium.make("ruffini/GraspLift-v0", objects=str(file), size=1, tactile="none")
+    env.reset(seed=0)
+    object_z = env.unwrapped.look()["object_position"][2]
+    if said:
+        assert re.search(said, lines[0]), lines
+        high = float(re.search(r"(\S+) mm high", lines[0])[1])
+        assert high == pytest.approx(2e3 * object_z, abs=0.05)
+    else:
+        assert 2 * object_z == pytest.approx(solid.extents[2], abs=1e-4)
 
 
 def test_triangles_that_face_inwards_are_told(box, tmp_path, capsys):

@@ -38,6 +38,7 @@ pub use rounded::Rounded;
 pub use sampled::Sampled;
 pub use shape::{Parameter, Shape};
 pub use star_shaped::{Bump, Hollow, StarShaped, Wave};
+pub(crate) use surface::simplify;
 pub(crate) use surface::vertex_normals;
 pub use surface::{MassProperties, Surface};
 pub(crate) use tet_mesh::{EDGES, FACES};

@@ -32,6 +32,14 @@ pub struct MassProperties {
 /// Most triangles of a surface: with more, the rigid-body engine and the renderer become slow.
 const MOST_TRIANGLES: usize = 100_000;
 
+/// The end of a message about a mesh that has too many triangles: a way to at `most` so many.
+pub(crate) fn simplify(most: usize) -> String {
+    format!(
+        "; simplify it to fewer in MeshLab or Blender, or by trimesh's \
+         simplify_quadric_decimation(face_count={most})"
+    )
+}
+
 impl Surface {
     /// Returns a surface of these parts, or an error that names the first defect found: an index
     /// out of range, a non-finite vertex, an open or inconsistently oriented edge, no volume.
@@ -40,8 +48,9 @@ impl Surface {
     pub fn new(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
         let bad = |reason: String| Error::BadMesh { name: name.to_owned(), reason };
         if triangles.is_empty() || triangles.len() > MOST_TRIANGLES {
-            let count = triangles.len();
-            return Err(bad(format!("{count} triangles, expected 4 to {MOST_TRIANGLES}")));
+            let (count, most) = (triangles.len(), MOST_TRIANGLES);
+            let hint = if count > most { simplify(most) } else { String::new() };
+            return Err(bad(format!("{count} triangles, expected 4 to {most}{hint}")));
         }
         if let Some(i) = vertices.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
             return Err(bad(format!("vertex {i} is not finite")));

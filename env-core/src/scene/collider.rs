@@ -214,7 +214,8 @@ fn triangles(surface: &Surface) -> Result<SharedShape> {
     let count = surface.triangles().len();
     if count > MOST_TRIANGLES {
         return Err(bad(format!(
-            "{count} triangles, expected at most {MOST_TRIANGLES} for a shape that is not convex"
+            "{count} triangles, expected at most {MOST_TRIANGLES} for a shape that is not convex{}",
+            geometry::simplify(MOST_TRIANGLES)
         )));
     }
     let flags = TriMeshFlags::ORIENTED | TriMeshFlags::FIX_INTERNAL_EDGES;
@@ -320,5 +321,6 @@ mod tests {
         let torus = Shape::Mesh(Arc::new(Surface::revolved(&profile, 160, 0.0)));
         let message = ObjectModel::new(torus).unwrap_err().to_string();
         assert!(message.contains("51200 triangles, expected at most 20000"), "{message}");
+        assert!(message.ends_with("simplify_quadric_decimation(face_count=20000)"), "{message}");
     }
 }

@@ -138,7 +138,10 @@ impl<'de> Deserialize<'de> for ShapeSpec {
 impl ObjectSpec {
     /// Builds the model of the object for the scene.
     pub fn model(&self) -> Result<ObjectModel> {
-        ObjectModel::new(self.shape()?)
+        ObjectModel::new(self.shape()?).map_err(|error| match self.file() {
+            Some(file) => error.of_mesh(file),
+            None => error,
+        })
     }
 
     /// Returns whether this is a name of the catalogue.

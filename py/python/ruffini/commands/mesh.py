@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,10 @@ _USUAL = 0.05
 """A usual one (m)."""
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
 """Lengths of the units that a file may be in (m)."""
+_UPRIGHT = 0.1
+"""Tilt (degrees) below which an object stands as in its file."""
+_LEVEL = 0.999
+"""Cosine of the angle, here 2.6°, up to which a direction is named as that of an axis."""
 _OFF_CENTRE = 0.25
 """Distance of the origin from the middle, relative to the size, above which it is refused."""
 
@@ -26,7 +31,7 @@ def add_to(commands: Any) -> None:
         "mesh",
         help="say whether a mesh file can be an object, and repair it",
         description="Builds the object of a mesh file as the environments do, and says how large "
-        "it is, or why it is refused. "
+        "it is and which side is down at rest, if not that of the file, or why it is refused. "
         'With --repair, small defects are mended by trimesh: pip install "ruffini[mesh]".',
     )
     parser.add_argument("file", type=Path, help="the .obj or .stl file")
@@ -45,7 +50,7 @@ def _run(options: argparse.Namespace) -> None:
         print(*_repair(file, options.repair), sep="\n")
         file = options.repair
     try:
-        fitting = check_mesh(file, options.scale)
+        fitting, down, height = check_mesh(file, options.scale)
     except ValueError as error:
         said, _, _ = str(error).partition(";")
         unit = _unit(_load(file), options.scale) if said.startswith("mesh size") else ""
@@ -63,6 +68,8 @@ def _run(options: argparse.Namespace) -> None:
     print(f"{'triangles':<12} {len(mesh.faces)}, closed{parts}{turned}")
     if unit := _unit(mesh, options.scale):
         print(f"{'unit':<12} {unit}")
+    if said := _rest(down, height, extents[2]):
+        print(f"{'at rest':<12} {said}")
     refused = []
     if fitting <= 1:
         narrow = f"{1e3 * extents.min():.4g} mm across its narrowest side"
@@ -72,6 +79,23 @@ def _run(options: argparse.Namespace) -> None:
         refused.append("its origin is beside its middle: give centred=True in objects")
     if refused:
         raise ValueError(f"{file}: environments refuse it as it is; {'; '.join(refused)}")
+
+
+def _rest(down: Sequence[float], height: float, upright: float) -> str:
+    """How an object lies on the table, if not as in its file, of which it is `upright` (m) tall."""
+    tilt = math.degrees(math.atan2(math.hypot(*down[:2]), -down[2]))
+    if tilt < _UPRIGHT:
+        return ""
+    axis = max(range(3), key=lambda i: abs(down[i]))
+    if abs(down[axis]) > _LEVEL:
+        below = f"{'-+'[down[axis] > 0]}{'xyz'[axis]}"
+    else:
+        below = f"({', '.join(f'{round(part, 2) + 0.0:.2f}' for part in down)})"
+    posture = "leans" if tilt < 30 else "lies on its side" if tilt < 120 else "is turned over"
+    return (
+        f"{posture}, unlike in the file: {below} points down, z {tilt:.0f}° from upright; "
+        f"{1e3 * height:.4g} mm high, {1e3 * upright:.4g} mm in the file"
+    )
 
 
 def _unit(mesh: Any, scale: float) -> str:
