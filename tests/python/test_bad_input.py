@@ -132,6 +132,24 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
     ("settings", "parts"),
     [
         ({"mass": (0.2, 0.1)}, ["mass", "[0.2, 0.1]", "rising range"]),
+        ({"mass": 2e9}, ["expected one number or a rising range [low, high] within 0.000001 to"]),
+        ({"lift_height": 9}, ["lift_height: found 9, expected one number from 0.001 to 1"]),
+        (
+            {"sensor_errors": {"markers": {"dead": 1.5}}},
+            ["sensor_errors.markers.dead: found 1.5, expected one number from 0 to 1"],
+        ),
+        (
+            {"sensor_errors": {"markers": {"delay": 26}}},
+            ["sensor_errors.markers.delay: found 26, expected a whole number from 0 to 25"],
+        ),
+        (
+            {"resolution": {"nodes": 4000}},
+            ["found 4000, expected 1000, the nodes of the network; ", "take 100 to 20000"],
+        ),
+        (
+            {"objects": "jar-1"},
+            ["jar-1 is a solid of ruffini.objects(), whose surface() makes a mesh file"],
+        ),
         ({"mass": 1e-4}, ["mass", "0.0001", "40 N"]),
         ({"observation": "taste"}, ["observation", "taste", "proprio, object"]),
         ({"observation": []}, ["observation", "no channel"]),
@@ -157,11 +175,11 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
         ({"sensor_errors": {"markers": 3}}, ["markers: found integer `3`, expected a mapping"]),
         (
             {"sensor_errors": {"markers": {"noise": {"markers": 1e-5}}}},
-            ["sensor_errors.markers.noise: found markers, expected a number or a range"],
+            ["sensor_errors.markers.noise: found markers, expected one number or a rising"],
         ),
         (
             {"observation": "wrench", "sensor_errors": {"wrench": {"gain": {"force": [1, 2, 3]}}}},
-            ["sensor_errors.wrench.gain: found [1,2,3] for force, expected a number or a range"],
+            ["sensor_errors.wrench.gain: found [1,2,3] for force, expected one number or a"],
         ),
         ({"gripper": {"max_force": "x"}}, ['max_force: found string "x", expected a number']),
     ],

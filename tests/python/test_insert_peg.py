@@ -106,7 +106,7 @@ def test_the_scripted_policy_finds_a_hole():
             {"objects": {"shape": "cylinder", "radius": 0.006, "half_height": 0.05}},
             "expected a peg of 0.0514 to 0.0670 m",
         ),
-        ({"clearance": 0.0}, "clearance: found 0, expected a rising range within 0.0001 to 0.01"),
+        ({"clearance": 0.0}, "clearance: found 0, expected one number or a rising range [low,"),
         ({"insert_depth": 0.03}, "insert_depth: found 0.03"),
         ({"friction": 0.0}, "friction"),
         ({"hole_error": (2e-3, -2e-3)}, "hole_error"),

@@ -204,7 +204,7 @@ def test_a_fragile_grip_changes_by_its_rate_and_a_hand_that_lets_go_has_dropped(
     ("settings", "message"),
     [
         ({"safety_factor": 10.0}, "safety_factor: found 10, a grip of .* N on .*, expected 20 N"),
-        ({"safety_factor": 0.5}, "safety_factor: found 0.5, expected .* within 1 to 100"),
+        ({"safety_factor": 0.5}, "safety_factor: found 0.5, expected one number from 1 to 100"),
         ({"margin": (2.0, 1.0)}, "margin: found"),
         ({"start_grip": 21.0}, "start_grip: found 21"),
         ({"grip_rate": 0.0}, "grip_rate: found 0"),
@@ -295,7 +295,7 @@ def test_gentleness_is_paid_for_while_lifting_alone():
     [
         ({"tactile": "fem"}, "tactile: found .*fem.*, expected surrogate"),
         ({"size": 1.1}, "size: found .*, expected 1"),
-        ({"young": 0.0}, "young: found 0, expected a rising range"),
+        ({"young": 0.0}, "young: found 0, expected one number or a rising range"),
         ({"crush": 2.0}, "crush: found 2, expected"),
         ({"observation": "markers"}, "observation: found markers"),
         ({"load": 1.0}, "load: found .*: GraspSoft has no such setting"),

@@ -6,7 +6,7 @@ use std::{path::Path, slice, sync::Arc};
 use nalgebra::Isometry3;
 use rayon::{ThreadPoolBuilder, prelude::*};
 
-use super::{Choice, Shell, Skin, SoftObject, TactileConfig, recent::Recent};
+use super::{Choice, Shell, Skin, SoftObject, TactileConfig, config::NODES, recent::Recent};
 use crate::{
     Error, Result,
     compliance::nodal::ContactResolution,
@@ -250,7 +250,11 @@ fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
     })?;
     let nodes = model.card().model_nodes;
     if nodes != config.resolution.nodes {
-        let expected = format!("{nodes}, those of the surrogate");
+        let expected = format!(
+            "{nodes}, the nodes of the network; tactile \"fem\" and \"compliance\" take {} to {}",
+            NODES.start(),
+            NODES.end()
+        );
         return Err(Error::invalid("resolution.nodes", config.resolution.nodes, expected));
     }
     Ok(model)

@@ -1,8 +1,10 @@
 //! Checks of a task's settings, and of its objects between the pads.
 
 use super::{
-    ObjectSpec, ObservationLayout, Start, TaskConfig, config::AS_CALIBRATED, sensor_errors,
-    setting::rising,
+    ObjectSpec, ObservationLayout, Start, TaskConfig,
+    config::AS_CALIBRATED,
+    sensor_errors,
+    setting::{rising, within},
 };
 use crate::{
     Error, Result,
@@ -29,7 +31,7 @@ impl TaskConfig {
         rising("position", self.position, flat)?;
         rising("start", self.start, flat)?;
         rising("start_height", self.start_height, upright)?;
-        rising("lift_height", [self.lift_height; 2], [0.001, upright[1]])?;
+        within("lift_height", self.lift_height, [0.001, upright[1]])?;
         if !(1..=1_000_000).contains(&self.max_episode_steps) {
             let steps = self.max_episode_steps;
             return Err(Error::invalid("max_episode_steps", steps, "1 to 1000000 steps"));

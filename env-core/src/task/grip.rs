@@ -6,7 +6,7 @@
 use serde::Serialize;
 
 use super::Setting;
-use crate::{Result, task::setting::rising};
+use crate::{Result, task::setting::within};
 
 /// Settings of a grip force that changes by factors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,8 +38,8 @@ impl GradualGrip {
 
     /// Returns an error unless least ≤ start ≤ `most` (N).
     pub(super) fn validate(&self, most: f64) -> Result<()> {
-        rising("least_grip", [self.least; 2], [0.01, most])?;
-        rising("start_grip", [self.start; 2], [self.least, most])
+        within("least_grip", self.least, [0.01, most])?;
+        within("start_grip", self.start, [self.least, most])
     }
 
     /// Grip force (N) after `action`, from −1 to 1, has changed the force `before` (N) for `time`

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use super::{
     Range, StateChannel,
-    setting::{RANGE, range_of, rising},
+    setting::{RANGE, range_of, rising, whole_within, within},
 };
 use crate::{Error, Result, tactile::Channel};
 
@@ -109,7 +109,7 @@ pub(super) fn quantities(channel: &str) -> &'static [(&'static str, usize)] {
 pub type SensorErrors = BTreeMap<String, SensorError>;
 
 /// Largest delay (control steps).
-const LATEST: usize = 25;
+const LATEST: f64 = 25.0;
 /// Largest noise, offset, drift and hysteresis, in the unit of the channel.
 const LARGEST: f64 = 1e9;
 
@@ -139,8 +139,8 @@ pub(super) fn validate(errors: &SensorErrors, observed: &[&str]) -> Result<()> {
                 rising(&format!("{}.{quantity}", name(what)), range, bounds)?;
             }
         }
-        rising(&name("dead"), [*dead; 2], [0.0, 1.0])?;
-        rising(&name("delay"), [*delay as f64; 2], [0.0, LATEST as f64])?;
+        within(&name("dead"), *dead, [0.0, 1.0])?;
+        whole_within(&name("delay"), *delay as f64, [0.0, LATEST])?;
     }
     Ok(())
 }
@@ -187,11 +187,20 @@ mod tests {
     fn bad_settings_are_named() {
         for (errors, expected) in [
             (r#"{"smell": {}}"#, "sensor_errors: found smell, expected one of the observed"),
-            (r#"{"wrench": {"noise": -1}}"#, "sensor_errors.wrench.noise: found -1"),
+            (
+                r#"{"wrench": {"noise": -1}}"#,
+                "wrench.noise: found -1, expected one number or a rising range [low, high] within",
+            ),
             (r#"{"wrench": {"gain": [2, 1]}}"#, "sensor_errors.wrench.gain: found [2.0, 1.0]"),
             (r#"{"wrench": {"gain": "big"}}"#, "sensor_errors.wrench.gain"),
-            (r#"{"wrench": {"dead": 1.5}}"#, "sensor_errors.wrench.dead: found 1.5"),
-            (r#"{"wrench": {"delay": 26}}"#, "sensor_errors.wrench.delay: found 26"),
+            (
+                r#"{"wrench": {"dead": 1.5}}"#,
+                "sensor_errors.wrench.dead: found 1.5, expected one number from 0 to 1",
+            ),
+            (
+                r#"{"wrench": {"delay": 26}}"#,
+                "sensor_errors.wrench.delay: found 26, expected a whole number from 0 to 25",
+            ),
             (r#"{"wrench": {"drift": -1}}"#, "sensor_errors.wrench.drift: found -1"),
             (r#"{"wrench": {"noise": [2, 1]}}"#, "sensor_errors.wrench.noise: found [2.0, 1.0]"),
             (r#"{"wrench": {"hysteresis": [0, 2e9]}}"#, "sensor_errors.wrench.hysteresis: found"),
@@ -207,12 +216,12 @@ mod tests {
             ),
             (
                 r#"{"wrench": {"gain": {"torque": [1]}}}"#,
-                "sensor_errors.wrench.gain: found [1] for torque, expected a number or a range",
+                "sensor_errors.wrench.gain: found [1] for torque, expected one number or a rising",
             ),
             (r#"{"wrench": {"dead": {"force": 1}}}"#, "sensor_errors.wrench.dead"),
             (
                 r#"{"time": {"offset": {"time": 1}}}"#,
-                "sensor_errors.time.offset: found time, expected a number or a range",
+                "sensor_errors.time.offset: found time, expected one number or a rising range",
             ),
         ] {
             let json = format!(

@@ -75,14 +75,14 @@ impl<'a> Setting<'a> {
         match &mut self.value {
             SettingValue::Number(number) => {
                 let given = value.as_f64();
-                **number = given.ok_or_else(|| Error::invalid(self.name, value, "a number"))?;
+                **number = given.ok_or_else(|| Error::invalid(self.name, value, "one number"))?;
             }
             SettingValue::Count(count) => {
-                let [low, high] = self.bounds;
                 let given = value.as_u64().and_then(|given| u32::try_from(given).ok());
-                let given = given.filter(|&given| (low..=high).contains(&f64::from(given)));
-                let expected = || format!("a whole number from {low} to {high}");
-                **count = given.ok_or_else(|| Error::invalid(self.name, value, expected()))?;
+                let expected = || whole(self.bounds);
+                let given = given.ok_or_else(|| Error::invalid(self.name, value, expected()))?;
+                whole_within(self.name, f64::from(given), self.bounds)?;
+                **count = given;
             }
             SettingValue::Range(range) => {
                 let given = range_of(value);
@@ -92,18 +92,13 @@ impl<'a> Setting<'a> {
         Ok(())
     }
 
-    /// Both ends of the value.
-    fn ends(&self) -> Range {
-        match &self.value {
-            SettingValue::Number(number) => [**number; 2],
-            SettingValue::Count(count) => [f64::from(**count); 2],
-            SettingValue::Range(range) => **range,
-        }
-    }
-
     /// Returns an error unless the value is within its bounds, and a range is rising.
     pub fn validate(&self) -> Result<()> {
-        rising(self.name, self.ends(), self.bounds)
+        match &self.value {
+            SettingValue::Number(number) => within(self.name, **number, self.bounds),
+            SettingValue::Count(count) => whole_within(self.name, f64::from(**count), self.bounds),
+            SettingValue::Range(range) => rising(self.name, **range, self.bounds),
+        }
     }
 
     /// Description for other languages; the present value is given as the default.
@@ -124,7 +119,7 @@ impl<'a> Setting<'a> {
 }
 
 /// Description of the values that [`range_of`] accepts.
-pub(super) const RANGE: &str = "a number or a range of two numbers";
+pub(super) const RANGE: &str = "one number or a rising range [low, high]";
 
 /// Reads a number, which stands for both ends, or the two ends of a range.
 pub(super) fn range_of(value: &Value) -> Option<Range> {
@@ -142,7 +137,28 @@ pub(super) fn rising(name: &str, range: Range, bounds: Range) -> Result<()> {
         return Ok(());
     }
     let found = if from == to { format!("{from}") } else { format!("{range:?}") };
-    Err(Error::invalid(name, found, format!("a rising range within {low} to {high}")))
+    Err(Error::invalid(name, found, format!("{RANGE} within {low} to {high}")))
+}
+
+/// Returns an error unless `number` is within `bounds`.
+pub(super) fn within(name: &str, number: f64, bounds: Range) -> Result<()> {
+    let [low, high] = bounds;
+    if (low..=high).contains(&number) {
+        return Ok(());
+    }
+    Err(Error::invalid(name, number, format!("one number from {low} to {high}")))
+}
+
+/// Returns an error unless the whole number `count` is within `bounds`.
+pub(super) fn whole_within(name: &str, count: f64, bounds: Range) -> Result<()> {
+    if (bounds[0]..=bounds[1]).contains(&count) {
+        return Ok(());
+    }
+    Err(Error::invalid(name, count, whole(bounds)))
+}
+
+fn whole([low, high]: Range) -> String {
+    format!("a whole number from {low} to {high}")
 }
 
 #[cfg(test)]
@@ -156,17 +172,23 @@ mod tests {
         let mut range = Setting::range("mass", &mut two, [0.0, 1.0], "kg", "a mass");
         number.set(&json!(0.5)).unwrap();
         range.set(&json!(2)).unwrap();
-        assert_eq!((number.ends(), range.ends()), ([0.5; 2], [2.0; 2]));
         assert!(number.validate().is_ok());
         let message = range.validate().unwrap_err().to_string();
-        assert_eq!(message, "mass: found 2, expected a rising range within 0 to 1");
+        let expected = "expected one number or a rising range [low, high] within 0 to 1";
+        assert_eq!(message, format!("mass: found 2, {expected}"));
         range.set(&json!([0.25, 1])).unwrap();
         assert!(range.validate().is_ok());
         for wrong in [json!("heavy"), json!([1]), json!([1, "a"]), json!(null), json!({})] {
             let message = range.set(&wrong).unwrap_err().to_string();
-            assert!(message.starts_with("mass: found") && message.contains("a range"), "{message}");
+            let expected = "expected one number or a rising range [low, high]";
+            assert_eq!(message, format!("mass: found {wrong}, {expected}"));
         }
-        assert!(number.set(&json!([0.1, 0.2])).is_err());
+        let message = number.set(&json!([0.1, 0.2])).unwrap_err().to_string();
+        assert_eq!(message, "limit: found [0.1,0.2], expected one number");
+        number.set(&json!(1.5)).unwrap();
+        let message = number.validate().unwrap_err().to_string();
+        assert_eq!(message, "limit: found 1.5, expected one number from 0 to 1");
+        assert_eq!((one, two), (1.5, [0.25, 1.0]));
     }
 
     #[test]

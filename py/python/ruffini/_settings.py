@@ -135,6 +135,8 @@ _PLAIN = [
     )
 ]
 """Words of serde and of readers of meshes in Rust, and what stands in their place."""
+_NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
+"""A word that is no misspelt other one."""
 _BETWEEN = re.compile(r"one or more of |,? or |, |: |of | for |channels ")
 """Text between the words of a list."""
 
@@ -145,7 +147,8 @@ def with_nearest(message: str) -> str:
     def hinted(found: re.Match[str]) -> str:
         words = [word.strip("`'\"") for word in _BETWEEN.split(found["known"])]
         known = [word for word in words if re.fullmatch(r"[\w-]+", word)]
-        hint = "," if found["word"] in known else nearest(found["word"], known)
+        word = found["word"]
+        hint = "," if word in known or _NUMBER.fullmatch(word) else nearest(word, known)
         return f"{found['about']}{hint} expected {found['known']}"
 
     for pattern, words in _PLAIN:
