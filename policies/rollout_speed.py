@@ -14,8 +14,8 @@ cost. With ``--touch``, by model of touch and object, on one thread in some minu
 policy grasps, lifts and holds, and only steps in which all pads of four environments touch are
 counted, by processor time. With ``--infos``, the adapter for Stable-Baselines3 alone: what infos in
 every step cost; with ``--custom``, what rules in Python cost, those of GraspLift written once more;
-with ``--cost``, what 10⁸ steps of grasping cost, in some four minutes on two cores (`scaling`), and
-the table of it for ``py/docs/scale.md``.
+with ``--cost``, what 10⁸ steps of grasping cost, in some eight minutes on two cores (`scaling`),
+and the table of it for ``py/docs/scale.md``.
 """
 
 from __future__ import annotations
@@ -311,13 +311,18 @@ def main() -> None:
     ):
         text = f"the {what} alone"
         alone.add_argument(option, action="store_const", dest="alone", const=measure, help=text)
-    alone.add_argument("--cost", action="store_true", help="the cost of 10⁸ steps alone")
+    text = "the cost of 10⁸ steps alone, in some eight minutes on two cores"
+    alone.add_argument("--cost", action="store_true", help=text)
     arguments = parser.parse_args()
     seconds = 0.3 if arguments.quick else 3.0
     if arguments.cost:
+        usual = "a minute" if arguments.quick else "eight minutes"
+        print(f"This takes about {usual} on two cores, longer on more of them.", flush=True)
+        start = time.monotonic()
         found = cost(arguments.quick)
         write(arguments.json, found)
         print(table(found))
+        print(f"It took {time.monotonic() - start:.0f} s.")
     elif arguments.alone:
         write(arguments.json, arguments.alone(seconds))
     else:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+import rollout_speed
 from scaling import doubled, predicted, table, together
 
 
@@ -63,3 +64,13 @@ def test_the_table_of_costs_is_renewed_from_its_json(tmp_path, monkeypatch):
     assert len(list(pages.MARK.finditer(made))) == made.count("<!--") > 10
     assert "8,465<!-- cost: none / processes / 1 -->" in made
     assert pages.requoted(made) == made
+
+
+def test_the_cost_tells_how_long_it_takes_and_took(monkeypatch, capsys):
+    monkeypatch.setattr(rollout_speed, "cost", lambda _quick: {})
+    monkeypatch.setattr(rollout_speed, "table", lambda _found: "| figures |")
+    monkeypatch.setattr(sys, "argv", ["rollout_speed.py", "--cost", "--quick"])
+    rollout_speed.main()
+    first, figures, last = capsys.readouterr().out.splitlines()
+    assert first.startswith("This takes about a minute on two cores")
+    assert figures == "| figures |" and last == "It took 0 s."
