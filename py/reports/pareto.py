@@ -15,13 +15,16 @@ from pathlib import Path
 import pareto_cases
 from engine import KEPT, OUT, ROOT, Rows, filled, made, plt, quantiles, run, table, text
 from engine.figures import BLUE, BROWN, GREEN, LIGHT, RED
+from engine.rows import header
 from pareto_cases import ANSWERERS, ELEMENTS, FEW
 from ruffini.evaluation import usable_cores
 
 ONE_THREAD = True
-PARTS = ("geometry", "deformation", "contact", "fem", "compliance", "surrogate")
-MADE_OF = [f"env-core/src/{part}" for part in PARTS]
-MADE_OF += ["env-core/assets", "py/reports/pareto_cases.py", "tests/reference/presses.py"]
+PARTS = ("geometry", "deformation", "contact", "fem", "compliance")
+TRUTH_OF = [f"env-core/src/{part}" for part in PARTS]
+TRUTH_OF += ["py/reports/pareto_cases.py", "tests/reference/presses.py"]
+"""What the truth is made of, which is solved anew when it changes."""
+MADE_OF = [*TRUTH_OF, "env-core/src/surrogate", "env-core/assets"]
 FINEST = {"full": 2000, "quick": 400}
 """Nodes of the mesh of the truth, without those in the middle of edges."""
 CHOICE = ROOT / "py/python/ruffini/answerers.json"
@@ -45,7 +48,7 @@ def make(options: Namespace) -> dict:
     name = "pareto-again" if options.again else "pareto"
     nodes, quick, most = FINEST[options.form], options.quick, options.presses
     rows = Rows.of(name, options, MADE_OF, {"nodes of the truth": nodes})
-    kept = KEPT / options.form / f"truth-{rows.header['commit']}"
+    kept = KEPT / options.form / f"truth-{header(TRUTH_OF, {})['commit']}"
     names = asked(options)
     presses = {}
     for press in pareto_cases.cases(quick, most):
@@ -63,7 +66,9 @@ def make(options: Namespace) -> dict:
     head, found = rows.header | {"note": options.note}, summary(list(rows))
     if options.again:
         before = json.loads((OUT / "pareto.json").read_text())
-        return before | {"note": options.note} | renewed(before, found, options.again)
+        own = f"Measured anew at commit {head['commit']}: {', '.join(options.again)}."
+        note = " ".join(filter(None, [own, options.note]))
+        return before | {"note": note} | renewed(before, found, options.again)
     return head | found
 
 
