@@ -113,7 +113,7 @@ def percent(share: float) -> str:
 
 PAGE = """# Finite elements: how far from the truth, at what cost
 
-Elements are linear (*p1*), linear with averaged dilatation and so free of locking (*p1-bar*) or
+Elements are linear (*p1*), linear in F-bar patches and so free of locking (*p1-bar*) or
 quadratic (*p2*); *tacflex* and *feats* are two published calibrations of a GelSight Mini's gel.
 
 {conclusion}
@@ -143,7 +143,8 @@ nodes, even meshes are far too stiff.
 
 p2 at ν = 0.48, the truth above among meshes of its family: cells within 3.7 mm of the contact are
 cut ever finer. In brackets how far each force is off the value on which NGSolve, GetFEM and
-CalculiX agree under refinement (± 0.0005 N). Contact gives by its softness, 0.3 % of the force at
+CalculiX agree under refinement (± 0.0005 N): figures that were given to us, computed elsewhere, of
+which this repository has no input files. Contact gives by its softness, 0.3 % of the force at
 0.5 mm and 0.1 % at 1 mm, which is not taken off.
 
 {converges}

@@ -155,8 +155,8 @@ tests/reference/indentations.toml`; `python py/reports networks --data presses -
 
 ## By where on the pad contact is
 
-Medians in % over the same frames of `pads-0`, by the distance of the contact's centre from the
-pad's middle, in parts of the way to a side:
+Medians in % over the same frames of `pads-0`, but those in which the pad does not deform, by the
+distance of the contact's centre from the pad's middle, in parts of the way to a side:
 
 {places}
 

@@ -205,8 +205,8 @@ PAGE = """# Indenters that no network was taught
 
 Closed meshes of eight families, with features of 0.5 to 10 mm, in any orientation, pressed straight
 down, 5 µm to 2 mm deep, into the pad of a GelSight Mini; Young's modulus 10 kPa to 3 MPa, Poisson's
-ratio 0.3 to 0.499, friction 0 to 2. Each is judged at half its depth and at all of it. Nothing was
-chosen by these presses.
+ratio 0.3 to 0.499, friction 0 to 2. Each is judged at half its depth and at all of it. Neither
+the network nor its training was chosen by these presses.
 
 The truth (`tests/reference/presses.py`) is made as the labels of the training data are, on finer
 meshes: linear elasticity on 5,000 nodes with contact on up to 800 cells, plus the difference

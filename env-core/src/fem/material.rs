@@ -96,6 +96,15 @@ impl Material {
         self.distortion_stress(f) + pressure * self.dilatation_gradient(f)
     }
 
+    /// Cauchy stress P Fᵀ / J where the pressure is `pressure`; for small strains P (Pa).
+    pub(super) fn cauchy(&self, f: &Matrix3<f64>, pressure: f64) -> Matrix3<f64> {
+        let stress = self.stress(f, pressure);
+        match self.law {
+            Law::Linear => stress,
+            _ => stress * f.transpose() / f.determinant(),
+        }
+    }
+
     /// Von Mises equivalent of the Cauchy stress P Fᵀ / |J| (Pa).
     pub(super) fn von_mises(&self, f: &Matrix3<f64>) -> f64 {
         // Parts of the Cauchy stress along the identity are hydrostatic and drop out: those from

@@ -54,7 +54,7 @@ mod tests;
 
 use std::sync::Arc;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 #[cfg(doc)]
 use crate::geometry::Shape;
@@ -163,6 +163,13 @@ impl Fem {
         // A press of a thin shape has its own contact points, so their number is not limited here.
         history.check(self.system.nodes.places.len(), usize::MAX)?;
         Ok(Carrier::new(self, to)?.fields(&history.displacement))
+    }
+
+    /// Returns the Cauchy stress of a solution with this `history`, volume average over each
+    /// tetrahedron (T) in Pa, or an error if the history is of another model.
+    pub fn stress(&self, history: &History) -> Result<Vec<Matrix3<f64>>> {
+        history.check(self.system.nodes.places.len(), usize::MAX)?;
+        Ok(self.system.solid.cauchy(&history.displacement))
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.

@@ -1,6 +1,6 @@
 //! Elastic energy of a meshed body, its forces on the nodes and its stiffness.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::{
     cell::PointState,
@@ -28,6 +28,9 @@ pub(super) trait Solid: Send + Sync {
 
     /// Von Mises stress, volume average over each tetrahedron (T) in Pa; NaN for an inverted one.
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
+
+    /// Cauchy stress, volume average over each tetrahedron (T) in Pa; NaN for an inverted one.
+    fn cauchy(&self, displacement: &[Vector3<f64>]) -> Vec<Matrix3<f64>>;
 
     /// Sets of nodes that are coupled.
     fn couplings(&self) -> Vec<&[u32]>;
@@ -128,6 +131,25 @@ impl<const M: usize> Solid for Cells<M> {
         sum.iter().zip(&volume).map(|(sum, volume)| sum / volume).collect()
     }
 
+    fn cauchy(&self, displacement: &[Vector3<f64>]) -> Vec<Matrix3<f64>> {
+        let (mut sum, mut volume) = (vec![Matrix3::zeros(); self.tets], vec![0.0; self.tets]);
+        for (cell, material) in self.all.iter().zip(&self.materials) {
+            let state = |k| (cell.deformation_gradient(k, displacement), Volumetric::default());
+            let mut states: Vec<PointState> = (0..cell.points.len()).map(state).collect();
+            if states.iter().all(|(f, _)| material.admits(f)) {
+                cell.volumetric(material, &mut states);
+            } else {
+                states.iter_mut().for_each(|(_, volumetric)| volumetric.pressure = f64::NAN);
+            }
+            for (point, (f, volumetric)) in cell.points.iter().zip(&states) {
+                let stress = material.cauchy(f, volumetric.pressure);
+                sum[point.tet as usize] += point.volume * stress;
+                volume[point.tet as usize] += point.volume;
+            }
+        }
+        sum.iter().zip(&volume).map(|(sum, volume)| sum / *volume).collect()
+    }
+
     fn couplings(&self) -> Vec<&[u32]> {
         self.all.iter().map(|cell| &cell.nodes[..]).collect()
     }
@@ -207,6 +229,60 @@ mod tests {
         let moment: Matrix3<f64> =
             nodes.places.iter().zip(&forces).map(|(x, f)| f * x.coords.transpose()).sum();
         moment / 0.002f64.powi(3)
+    }
+
+    #[test]
+    fn cauchy_stress_of_a_uniform_strain_is_that_of_the_forces() {
+        let f = Matrix3::new(1.1, 0.2, 0.0, -0.1, 0.9, 0.1, 0.05, 0.0, 1.2);
+        for (law, element) in every() {
+            let (nodes, solid, _) = setup(law, element, &[]);
+            let first = mean_stress(law, element, &f);
+            let exact = match law {
+                Law::Linear => first,
+                _ => first * f.transpose() / f.determinant(),
+            };
+            for found in solid.cauchy(&displaced(&nodes, &f)) {
+                let error = (found - exact).norm() / exact.norm();
+                assert!(error < 1e-8, "{law} {element}: {found} Pa against {exact} Pa");
+            }
+        }
+    }
+
+    /// The virial of the forces on the deformed nodes is the integral of the Cauchy stress.
+    #[test]
+    fn cauchy_stress_of_an_uneven_strain_adds_up_to_the_virial_of_the_forces() {
+        let (mesh, f) = (cube(), Matrix3::new(1.1, 0.2, 0.0, -0.1, 0.9, 0.1, 0.05, 0.0, 1.2));
+        for (law, element) in every().filter(|(law, _)| *law != Law::Linear) {
+            let (nodes, solid, _) = setup(law, element, &[]);
+            let mut moved = displaced(&nodes, &f);
+            moved[13] += Vector3::new(-1e-4, 2e-4, 1e-4);
+            let mut forces = vec![Vector3::zeros(); moved.len()];
+            solid.evaluate(&moved, &mut Strain::default(), &mut forces).unwrap();
+            let places = nodes.places.iter().zip(&moved).map(|(x, u)| x.coords + u);
+            let virial: Matrix3<f64> =
+                places.zip(&forces).map(|(x, force)| force * x.transpose()).sum();
+            let stress = solid.cauchy(&moved);
+            let volume = |tet: &[u32; 4]| {
+                let [a, b, c, d] =
+                    tet.map(|i| mesh.vertices[i as usize].coords + moved[i as usize]);
+                (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
+            };
+            let whole: Matrix3<f64> =
+                mesh.tets.iter().zip(&stress).map(|(tet, stress)| stress * volume(tet)).sum();
+            let error = (whole - virial).norm() / virial.norm();
+            // Within a quadratic element the stress varies, and its mean is of the undeformed volume.
+            let most = if element == Element::P2 { 0.05 } else { 1e-9 };
+            assert!(error < most, "{law} {element}: {error:.1e}");
+            for (stress, von_mises) in stress.iter().zip(solid.von_mises(&moved)) {
+                let deviator = stress - Matrix3::identity() * (stress.trace() / 3.0);
+                let own = (1.5 * deviator.norm_squared()).sqrt();
+                assert!((stress - stress.transpose()).norm() < 1e-9 * stress.norm(), "{stress}");
+                // Of quadratic elements it is the mean of the equivalents, which is not less.
+                let off = own / von_mises - 1.0;
+                let even = if element == Element::P2 { -0.5..1e-9 } else { -1e-9..1e-9 };
+                assert!(even.contains(&off), "{law} {element}: {own} Pa, {von_mises} Pa");
+            }
+        }
     }
 
     #[test]

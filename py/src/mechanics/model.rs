@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use nalgebra::Isometry3;
-use numpy::{PyArray1, PyArray2};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use ruffini_core::{
     Error, Result, compliance,
@@ -117,6 +117,28 @@ impl Fem {
         let carried = py.detach(|| self.model.carry(&history.inner, &target.inner));
         let fem::Carried { displacement, von_mises } = carried.map_err(python_error)?;
         Ok((array_of_vectors(py, &displacement), PyArray1::from_vec(py, von_mises)))
+    }
+
+    /// Evaluates the Cauchy stress of a solution; with law "linear" it is that of small strains.
+    ///
+    /// Args:
+    ///     history: History of a solution of this model.
+    ///
+    /// Returns:
+    ///     Volume average of the stress over each tetrahedron (T, 3, 3) in Pa, tension positive, in
+    ///     the axes of the body.
+    ///
+    /// Raises:
+    ///     ValueError: If the history is of another model.
+    fn stress<'py>(
+        &self,
+        py: Python<'py>,
+        history: &History,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let stress = py.detach(|| self.model.stress(&history.inner)).map_err(python_error)?;
+        // By columns or by rows is the same, as the stress is symmetric.
+        let numbers = stress.iter().flatten().copied().collect();
+        PyArray1::from_vec(py, numbers).reshape([stress.len(), 3, 3])
     }
 }
 
