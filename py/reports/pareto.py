@@ -241,8 +241,9 @@ towards where the undeformed face lies inside the shape, carried to the model me
 relative L² a frame over vertices or tetrahedra, each counted once, median / 95th percentile (of 12
 frames in a panel of four presses, nearly the worst), in %. How far the truth itself is off can be
 told from the rows of coarser meshes of its kind (*fem p2, graded*). Over the presses that
-*{elements}* and the truth solve; unsolved are counted of all. Time is CPU time a frame on one thread, median
-over presses, without meshing and factorising the elastic pad. Bold: on the front of displacement.
+*{elements}* and the truth solve; unsolved are counted of all. Time is CPU time a frame on one
+thread, median over presses, without meshing and factorising the elastic pad. Bold: on the front of
+displacement.
 
 *Network* and *linear, on cells* are what environments feel with (`tactile="surrogate"` and
 `"compliance"`): a network, and the linear elasticity that it corrects, with contact on fine cells.
