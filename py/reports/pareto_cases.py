@@ -105,7 +105,7 @@ def fem(element: str, nodes: int, tolerance: float = 1e-7, graded: bool = False)
 
 
 PADS = {"data": 3.2 * 3600, "training": 2 * 720.0}
-"""Core seconds of the network: 600 indenters, and 80 epochs (mechanics.md)."""
+"""Core seconds of the network: 800 indenters, and 80 epochs (mechanics.md)."""
 B = {"data": 4.5 * 3600, "training": 600.0}
 """Of the paper's B: 630 grasps of 10 frames (dataset.md), and the budget of `paper`."""
 LAYER = "bonded layer"
