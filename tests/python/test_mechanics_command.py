@@ -68,13 +68,14 @@ def errors_of(printed: str) -> list[float]:
     return [float(number) for number in re.findall(r"([\d.]+) %", row)]
 
 
-@pytest.mark.parametrize("drive", [("--depth", "0.0001"), ("--force", "0.01")])
+@pytest.mark.parametrize("drive", [("--depth", "0.0002"), ("--force", "0.05")])
 def test_a_graded_mesh_is_nearer_to_quadratic_elements_on_a_small_ball(drive):
-    press = [*PRESS, "--shape", "sphere:0.0007", *drive, "--check"]
+    press = ["press", "--sensor", "gelsight-mini", "--resolution", "1200", "--shape"]
+    press += ["sphere:0.001", *drive, "--check"]
     coarse, graded = (command(*press, *more) for more in ([], ["--graded"]))
     assert coarse.returncode == graded.returncode == 0, coarse.stderr + graded.stderr
     pairs = list(zip(errors_of(graded.stdout), errors_of(coarse.stdout), strict=True))
-    assert all(near < 0.5 * far for near, far in pairs[:2]), pairs
+    assert all(near < 0.6 * far for near, far in pairs[:2]), pairs
 
 
 def test_the_command_pushes_and_shears():

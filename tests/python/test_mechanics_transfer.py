@@ -84,3 +84,21 @@ def test_what_does_not_fit_is_refused():
     far = ruffini.TetMesh(COARSE.vertices + 0.1, COARSE.tets)
     with pytest.raises(ValueError, match="two meshes of one body"):
         Transfer(FINE, far)
+
+
+def test_cauchy_stress_is_in_balance_with_the_force_of_contact():
+    fem = Fem(gel(4))
+    [answer] = fem.solve(Press(BALL, [ball_at(0, 5e-4)]))
+    stress = fem.stress(answer.history)
+    deviator = stress - np.eye(3) * stress.trace(axis1=1, axis2=2)[:, None, None] / 3
+    von_mises = np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2)))
+    assert np.allclose(von_mises, answer.von_mises, rtol=1e-9)
+    # A displacement that is the height is zero on the held base: the force works on it as the
+    # stress does.
+    mesh = fem.body.mesh
+    moved = ruffini.TetMesh(mesh.vertices + answer.displacement, mesh.tets)
+    height = moved.vertices[:, 2] - mesh.vertices[:, 2].min()
+    work = float(answer.contact_force[:, 2] @ height)
+    assert np.isclose((stress[:, 2, 2] * volumes(moved)).sum(), work, rtol=1e-6)
+    with pytest.raises(ValueError, match="history"):
+        Fem(gel(3)).stress(answer.history)
