@@ -1,4 +1,6 @@
-//! Grasping with soft tactile fingertips: geometry, rigid scene, task and vectorised environment.
+//! Grasping with soft tactile fingertips: shapes and meshes, finite elements and linear elasticity of
+//! soft bodies, networks that learn from them, touch, the rigid scene, tasks, and batches of
+//! environments.
 //!
 //! Modules are layers, declared from the lowest to the highest: a module imports only from modules
 //! declared before it in this list. SI units everywhere; only `scene` converts, at its interface
@@ -6,9 +8,8 @@
 
 #![forbid(unsafe_code)]
 
-mod responses;
 mod simd;
-
+mod responses;
 pub mod error;
 pub mod interrupt;
 pub mod tensor_file;

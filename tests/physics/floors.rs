@@ -10,10 +10,7 @@ use std::{
 #[test]
 fn no_module_imports_a_higher_floor() {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let library = fs::read_to_string(source.join("lib.rs")).unwrap();
-    let module = |line: &str| Some(line.strip_prefix("pub mod ")?.strip_suffix(';')?.to_owned());
-    let floors: Vec<String> = library.lines().filter_map(module).collect();
-    assert!(floors.len() > 4, "found only {floors:?} in lib.rs");
+    let floors = modules(&source);
     for (floor, module) in floors.iter().enumerate() {
         for file in files(&source, module) {
             let text = fs::read_to_string(&file).unwrap();
@@ -22,6 +19,29 @@ fn no_module_imports_a_higher_floor() {
             }
         }
     }
+}
+
+#[test]
+fn the_readme_lists_every_module_in_order() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let readme = fs::read_to_string(root.join("README.md")).unwrap();
+    let names =
+        |row: &str| row.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+    let rows = readme.lines().skip_while(|line| !line.starts_with("| module |")).skip(2);
+    let rows = rows.map_while(|row| row.strip_prefix('|')?.split('|').next());
+    assert_eq!(rows.flat_map(names).collect::<Vec<_>>(), modules(&root.join("src")));
+}
+
+/// Top-level modules, private and public, in the order of `lib.rs`.
+fn modules(source: &Path) -> Vec<String> {
+    let library = fs::read_to_string(source.join("lib.rs")).unwrap();
+    let module = |line: &str| {
+        let line = line.strip_prefix("pub ").unwrap_or(line);
+        Some(line.strip_prefix("mod ")?.strip_suffix(';')?.to_owned())
+    };
+    let modules: Vec<String> = library.lines().filter_map(module).collect();
+    assert!(modules.len() > 4, "found only {modules:?} in lib.rs");
+    modules
 }
 
 /// Returns whether `text` names `module` right after `crate::`, alone or first in a brace's list.
