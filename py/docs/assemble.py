@@ -132,12 +132,11 @@ def environment(task: str) -> str:
     text = ROLE.sub(r"`\1`", text.replace("``", "`"))
     names = [name.split("-v")[0] for name in agents.names()]
     play = f"ruffini play {task}" + ("" if task in names else " --policy scripted")
-    film = "lift.gif" if task == "GraspLift" else f"{task}.gif"
     return f"""# {task}
 
 {summary}
 
-![Episodes of {task}](../{film})
+![Episodes of {task}](../{task}.gif)
 
 ```python
 import gymnasium, ruffini
@@ -161,8 +160,7 @@ def generated() -> None:
     for task in TASKS:
         (PAGES / "environments").mkdir(parents=True, exist_ok=True)
         (PAGES / f"environments/{task}.md").write_text(environment(task))
-        film = "lift.gif" if task == "GraspLift" else f"{task}.gif"
-        shutil.copy(DOCS / film, PAGES / film)
+        shutil.copy(DOCS / f"{task}.gif", PAGES)
     for name, (title, members) in REFERENCE.items():
         text = "\n\n".join([f"# {title}", *(f"::: ruffini.{member}" for member in members)])
         (PAGES / "api").mkdir(parents=True, exist_ok=True)

@@ -32,8 +32,6 @@ FILM, PICTURE = (480, 360), (320, 240)
 """Width and height (pixels)."""
 COUNT = {"GraspLift": 3}
 """Episodes of a film; 2 if not given."""
-NAMES = {"GraspLift": "lift"}
-"""Films that are not called as their task is."""
 AFTER, PAUSE = 6, 14
 """Steps that are shown after the first with success, and how often the last is repeated."""
 
@@ -155,7 +153,7 @@ def film(env: Any, task: str, episodes: list[Episode], out: Path) -> None:
         poses = cameras(task, episode)
         frames += [env.unwrapped.render(poses[number]) for number in replayed(env, episode)]
         frames += frames[-1:] * PAUSE
-    path = out / f"{NAMES.get(task, task)}.gif"
+    path = out / f"{task}.gif"
     video.write(path, frames, env.metadata["render_fps"])
     print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
 

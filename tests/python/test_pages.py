@@ -167,7 +167,7 @@ def test_every_task_is_in_the_menu_and_has_a_moving_picture():
     menu = (DOCS.parent / "mkdocs.yml").read_text()
     for task in TASKS:
         assert f"- {task}: environments/{task}.md" in menu
-        assert (DOCS / f"{task}.gif").exists() or task == "GraspLift"
+        assert (DOCS / f"{task}.gif").exists()
 
 
 def test_there_are_pages_with_code():
