@@ -24,7 +24,6 @@ use ruffini_core::{
     geometry::read_solid,
     render::{PinholeCamera, Viewpoint},
     scene::{CATALOGUE, Gripper, ObjectModel},
-    tactile::Choice,
     task::{Ending, TaskConfig},
 };
 
@@ -321,9 +320,9 @@ impl Batch {
 }
 
 impl Batch {
-    /// Returns whether a step may take so long that Ctrl-C has to end it: finite elements.
+    /// Returns whether a step may take so long that Ctrl-C has to end it early.
     fn is_slow(&self) -> bool {
-        self.inner.setup().config().tactile == Choice::Fem
+        self.inner.setup().config().tactile.is_slow()
     }
 
     fn rows<'py>(&self, py: Python<'py>, values: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {

@@ -21,6 +21,7 @@ import sys
 import textwrap
 from ast import literal_eval
 from pathlib import Path
+from typing import get_args, get_type_hints
 
 import gymnasium as gym
 import numpy as np
@@ -28,6 +29,7 @@ import pytest
 
 import ruffini.commands
 from ruffini import TACTILE_CHANNELS, TASKS
+from ruffini._settings import Settings
 from ruffini.commands import dataset, network
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -161,6 +163,12 @@ def test_every_channel_of_touch_has_its_size_and_its_picture_on_its_page():
         assert env.observation_space[name].shape == (math.prod(literal_eval(shape)),), name
         assert f"\n### {name}\n\n![" in text
         assert f"(channels/{name}.png)" in text
+
+
+def test_every_model_of_touch_is_on_its_page():
+    text = (DOCS / "touch.md").read_text()
+    rows = re.findall(r'^\| `"(\w+)"`.* \| .* \| .* \|$', text, re.MULTILINE)
+    assert rows == list(get_args(get_type_hints(Settings)["tactile"]))
 
 
 def test_every_task_is_in_the_menu_and_has_a_moving_picture():

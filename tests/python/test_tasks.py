@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import gymnasium as gym
 import numpy as np
@@ -89,6 +89,8 @@ def test_type_checkers_know_the_settings_that_rust_has():
     kinds = {each["name"]: each["kind"] for task in TASKS.values() for each in task["settings"]}
     for name, kind in kinds.items():
         assert types[name] == {"range": Range, "number": float, "count": int}[kind], name
+    [tactile] = (each for each in TASKS["GraspLift"]["others"] if each["name"] == "tactile")
+    assert list(get_args(types["tactile"])) == re.findall(r'"(\w+)"', tactile["range"])
 
 
 def test_parts_of_observations_go_by_name():

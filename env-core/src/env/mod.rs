@@ -33,7 +33,7 @@ use crate::{
     deformation::Wanted,
     geometry::Shape,
     scene::ObjectModel,
-    tactile::{Channel, Choice, Model, SoftObject, TactileModel, TactilePad},
+    tactile::{Channel, Model, SoftObject, TactileModel, TactilePad},
     task::{EpisodeParameters, ObjectSpec, ObservationLayout, TaskConfig},
 };
 
@@ -78,14 +78,10 @@ impl Setup {
         &self.models
     }
 
-    /// Shape of an object for contact with the fingers. Networks get the sampled shape, whose error
-    /// is smaller than theirs.
+    /// Shape of an object for contact with the fingers.
     fn felt_shape(&self, object: usize) -> &Shape {
         let model = &self.models[object];
-        match self.config.tactile {
-            Choice::Surrogate | Choice::Compliance => model.sampled(),
-            Choice::None | Choice::Fem => model.shape(),
-        }
+        if self.config.tactile.takes_sampled_shapes() { model.sampled() } else { model.shape() }
     }
 
     /// Optional parts of a solution that the observation or the task needs.

@@ -19,13 +19,32 @@ use crate::{
 pub enum Choice {
     /// None: the fingers are rigid, and only their wrenches are known.
     None,
-    /// Linear elasticity ([`crate::compliance`]).
+    /// Linear elasticity with contact on cells ([`crate::surrogate::LinearPad`]).
     Compliance,
-    /// Finite elements ([`crate::fem`]).
+    /// Finite elements ([`crate::fem::Fem`]).
     Fem,
-    /// Network that corrects the linear solution ([`crate::surrogate`]).
+    /// Network that corrects the linear solution ([`crate::surrogate::Surrogate`]).
     #[default]
     Surrogate,
+}
+
+impl Choice {
+    /// Returns whether a step may take so long that Ctrl-C has to end it early.
+    pub fn is_slow(self) -> bool {
+        match self {
+            Self::Fem => true,
+            Self::None | Self::Compliance | Self::Surrogate => false,
+        }
+    }
+
+    /// Returns whether presses have the sampled shapes of objects, whose error must then be smaller
+    /// than the model's.
+    pub(crate) fn takes_sampled_shapes(self) -> bool {
+        match self {
+            Self::Compliance | Self::Surrogate => true,
+            Self::None | Self::Fem => false,
+        }
+    }
 }
 
 /// Material of a gel.

@@ -149,6 +149,15 @@ impl TactilePad {
 }
 
 impl Model {
+    /// The model that was chosen.
+    fn chosen(&self) -> &dyn DeformationModel {
+        match self {
+            Self::Linear(model) => model,
+            Self::Fem(model) => model,
+            Self::Surrogate(model) => model,
+        }
+    }
+
     /// Soft body of a model whose contact is linear; none of finite elements, which refuse inverted
     /// elements themselves.
     pub fn linear_body(&self) -> Option<&SoftBody> {
@@ -212,27 +221,15 @@ impl Model {
 
 impl DeformationModel for Model {
     fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        match self {
-            Self::Linear(model) => model.solve(presses),
-            Self::Fem(model) => model.solve(presses),
-            Self::Surrogate(model) => model.solve(presses),
-        }
+        self.chosen().solve(presses)
     }
 
     fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
-        match self {
-            Self::Linear(model) => model.solve_partially(presses, wanted),
-            Self::Fem(model) => model.solve_partially(presses, wanted),
-            Self::Surrogate(model) => model.solve_partially(presses, wanted),
-        }
+        self.chosen().solve_partially(presses, wanted)
     }
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        match self {
-            Self::Linear(model) => model.solve_path(press),
-            Self::Fem(model) => model.solve_path(press),
-            Self::Surrogate(model) => model.solve_path(press),
-        }
+        self.chosen().solve_path(press)
     }
 }
 

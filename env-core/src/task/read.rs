@@ -183,6 +183,21 @@ mod tests {
     }
 
     #[test]
+    fn the_text_of_tactile_names_every_model() {
+        // The error lists the variants.
+        let error = TaskConfig::default().set("tactile", &"?".into()).unwrap_err().to_string();
+        let (_, variants) = error.split_once("expected one of ").unwrap();
+        let names = |text: &str, mark| {
+            let mut names: Vec<_> =
+                text.split(mark).skip(1).step_by(2).map(str::to_owned).collect();
+            names.sort();
+            names
+        };
+        let tactile = OTHERS.iter().find(|(name, _)| *name == "tactile").unwrap();
+        assert_eq!(names(tactile.1.unwrap()[0], '"'), names(variants, '`'), "{error}");
+    }
+
+    #[test]
     fn what_is_not_given_is_as_usual_for_the_task() {
         for task in Task::all() {
             let config =
