@@ -9,6 +9,9 @@
 //! [`Deformation::residual`](crate::deformation::Deformation) reports.
 //!
 //! A body is held by fixed nodes, or is free ([`Compliance::free`]) and held by contact alone.
+//!
+//! [`nodal`] solves contact faster: at the nodes of the surface or, of a pad, on grids of cells that
+//! are as small as the contact needs.
 
 mod balance;
 mod cache;

@@ -2,8 +2,8 @@
 //!
 //! The linear part of the response is computed, not learnt: linear elasticity with contact on cells
 //! is solved first ([`LinearPad`]), and the network corrects its answer on the model mesh
-//! ([`Surrogate`]). The network is trained on a dataset ([`train`]) and evaluated on grasps,
-//! objects and families of objects outside the training data ([`evaluate`], [`Summary`]).
+//! ([`Surrogate`]). The network is trained on a dataset ([`train`]) and evaluated on presses outside
+//! the training data ([`evaluate`], [`Summary`]).
 
 mod adam;
 mod answer;
