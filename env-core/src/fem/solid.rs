@@ -139,7 +139,9 @@ impl<const M: usize> Solid for Cells<M> {
             if states.iter().all(|(f, _)| material.admits(f)) {
                 cell.volumetric(material, &mut states);
             } else {
-                states.iter_mut().for_each(|(_, volumetric)| volumetric.pressure = f64::NAN);
+                for (_, volumetric) in &mut states {
+                    volumetric.pressure = f64::NAN;
+                }
             }
             for (point, (f, volumetric)) in cell.points.iter().zip(&states) {
                 let stress = material.cauchy(f, volumetric.pressure);
