@@ -29,7 +29,8 @@ pub(super) trait Solid: Send + Sync {
     /// Von Mises stress, volume average over each tetrahedron (T) in Pa; NaN for an inverted one.
     fn von_mises(&self, displacement: &[Vector3<f64>]) -> Vec<f64>;
 
-    /// Cauchy stress, volume average over each tetrahedron (T) in Pa; NaN for an inverted one.
+    /// Cauchy stress, volume average over each tetrahedron (T) in Pa; NaN for one whose element has
+    /// an inverted part.
     fn cauchy(&self, displacement: &[Vector3<f64>]) -> Vec<Matrix3<f64>>;
 
     /// Sets of nodes that are coupled.
