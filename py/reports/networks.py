@@ -1,9 +1,9 @@
 """The networks of pads by seed and size.
 
-With --data SET --runs FOLDER those are trained first that FOLDER lacks, by `ruffini network train`
-on what `ruffini dataset generate SET --config tests/reference/indentations.toml` makes, about ten
-minutes on two threads each; a run that was stopped goes on. --sizes adds other widths. Without any
-of these only the page is made.
+With --data SET --coarser COARSE --runs FOLDER those are trained first that FOLDER lacks, by `ruffini
+network train` on what `ruffini dataset generate` makes of tests/reference/indentations_finer.toml
+and tests/reference/indentations.toml, a quarter of an hour on two threads each; a run that was
+stopped goes on. --sizes adds other widths. Without any of these only the page is made.
 """
 
 from __future__ import annotations
@@ -36,10 +36,12 @@ SAMPLE = 14
 FINER = {"truth_nodes": 900, "truth_linear_nodes": 5000, "truth_across": 14.0}
 """Presses that are solved again, and their meshes, as those of ``tests/reference/presses.py``."""
 PARTS = ("displacement", "stress", "force")
+COARSER = ", coarser"
+"""What follows the name of a press of the coarser dataset."""
 PLACES = {
     "in the middle, up to 70 %": (0.0, 0.7),
     "70 to 85 %": (0.7, 0.85),
-    "at the rim, beyond 85 %": (0.85, np.inf),
+    "at the side, beyond 85 %": (0.85, np.inf),
 }
 """Distances of the contact's centre from the pad's middle, in parts of the way to a side."""
 ERRORS = {"displacement": "u", "stress": "σ", "peak": "σ at the peak", "force": "net force"}
@@ -48,6 +50,7 @@ ERRORS = {"displacement": "u", "stress": "σ", "peak": "σ at the peak", "force"
 def options(parser: ArgumentParser) -> None:
     """Adds the options of training: networks, data, folder."""
     parser.add_argument("--data", type=Path, help="presses to train on")
+    parser.add_argument("--coarser", type=Path, help="those that were solved on coarser meshes")
     parser.add_argument("--sizes", action="store_true", help="train other widths, too")
     parser.add_argument("--finer", type=Path, help="folder for presses on finer meshes")
     parser.add_argument("--runs", type=Path, help="folder of the runs")
@@ -67,29 +70,31 @@ def make(options: Namespace) -> dict[str, Any] | None:
     if not options.runs:
         return report
     if options.data:
-        train(options.data, options.runs, RUNS if options.sizes else SEEDED)
+        train(options, RUNS if options.sizes else SEEDED)
     cards = {name: options.runs / name / "card.toml" for name in RUNS}
     found = {name: tomllib.loads(f.read_text()) for name, f in cards.items() if f.exists()}
     report |= found
     if options.data and "pads-0" in found:
-        report["places"] = by_place(options.data, options.runs / "pads-0/weights.safetensors")
+        report["places"] = by_place(options, options.runs / "pads-0/weights.safetensors")
     return {name: report[name] for name in (*RUNS, "truth", "places") if name in report}
 
 
-def by_place(data: Path, weights: Path) -> dict[str, Any]:
+def by_place(options: Namespace, weights: Path) -> dict[str, Any]:
     """Median errors of a network and of its linear solution by where on the pad contact is."""
-    presses = dataset.open(data)
-    frames: dict[str, Any] = {}
     found: dict[str, list[Any]] = {place: [] for place in PLACES}
-    for row in evaluate(weights, data):
-        frame = presses[next(frames.setdefault(row["grasp"], iter(presses.frames(row["grasp"]))))]
-        vertices = np.asarray(presses.mesh(row["grasp"]).vertices)
-        borne = np.linalg.norm(frame.pad.contact_force, axis=1)
-        centre = np.abs(borne @ vertices / borne.sum())[:2]
-        out = float((centre / vertices.max(axis=0)[:2]).max())
-        [place] = (name for name, (least, most) in PLACES.items() if least <= out < most)
-        if not row["surrogate"]["still"]:
-            found[place].append(row)
+    for data in filter(None, (options.data, options.coarser)):
+        presses = dataset.open(data)
+        frames: dict[str, Any] = {}
+        for row in evaluate(weights, data, coarser=data == options.coarser):
+            grasp = row["grasp"].removesuffix(COARSER)
+            frame = presses[next(frames.setdefault(grasp, iter(presses.frames(grasp))))]
+            vertices = np.asarray(presses.mesh(grasp).vertices)
+            borne = np.linalg.norm(frame.pad.contact_force, axis=1)
+            centre = np.abs(borne @ vertices / borne.sum())[:2]
+            out = float((centre / vertices.max(axis=0)[:2]).max())
+            [place] = (name for name, (least, most) in PLACES.items() if least <= out < most)
+            if not row["surrogate"]["still"]:
+                found[place].append(row)
 
     def medians(rows: list[Any], model: str) -> dict[str, float]:
         return {part: float(np.median([row[model][part] for row in rows])) for part in PARTS}
@@ -129,12 +134,14 @@ def printed(now: Progress) -> bool:
     return True
 
 
-def train(data: Path, runs: Path, options: dict[str, list[str]]) -> None:
+def train(options: Namespace, runs: dict[str, list[str]]) -> None:
     """Trains what has no card yet."""
-    for name, chosen in options.items():
-        if not (runs / name / "card.toml").exists():
-            command = [sys.executable, "-m", "ruffini", "network", "train", str(data)]
-            subprocess.run([*command, str(runs / name), *chosen], check=True)
+    coarser = ["--coarser", str(options.coarser)] if options.coarser else []
+    for name, chosen in runs.items():
+        folder = options.runs / name
+        if not (folder / "card.toml").exists():
+            command = [sys.executable, "-m", "ruffini", "network", "train", str(options.data)]
+            subprocess.run([*command, str(folder), *coarser, *chosen], check=True)
 
 
 PAGE = """# The network of pads by seed and size

@@ -31,6 +31,7 @@ use crate::error::python_error;
 pub(crate) fn train_surrogate(
     py: Python<'_>,
     data: PathBuf,
+    coarser: Option<PathBuf>,
     out: PathBuf,
     variant: &str,
     settings: &str,
@@ -59,7 +60,7 @@ pub(crate) fn train_surrogate(
         answer.map_err(heard).unwrap_or_default()
             && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     };
-    let card = py.detach(|| request.train(&data, &out, commit, &now, &mut go_on));
+    let card = py.detach(|| request.train((&data, coarser.as_deref()), &out, commit, &now, &mut go_on));
     if let Some(error) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }
@@ -115,15 +116,19 @@ impl TrainingRequest {
     /// Trains the network and returns its card as JSON, or `None` if stopped.
     fn train(
         &self,
-        data: &Path,
+        (data, coarser): (&Path, Option<&Path>),
         out: &Path,
         commit: &str,
         clock: &dyn Fn() -> f64,
         watch: &mut dyn FnMut(&TrainingProgress) -> bool,
     ) -> ruffini_core::Result<Option<String>> {
+        if coarser.is_some() && !matches!(self, Self::Corrector(_)) {
+            let expected = "none beside the dataset, but for the variant corrector";
+            return Err(Error::invalid("coarser", "a dataset", expected));
+        }
         let card = match self {
             Self::Corrector(training) => {
-                train(data, out, training, commit, watch)?.map(|card| json!(card))
+                train(data, coarser, out, training, commit, watch)?.map(|card| json!(card))
             }
             Self::Paper(run, settings) => {
                 run.train(settings, data, out, commit, clock, watch)?.map(|card| json!(card))
@@ -151,8 +156,9 @@ pub(crate) fn evaluate_surrogate(
     weights: PathBuf,
     data: PathBuf,
     split: &str,
+    coarser: bool,
 ) -> PyResult<Vec<(String, String, Option<String>)>> {
-    let found = py.detach(|| evaluate(&weights, &data, split)).map_err(python_error)?;
+    let found = py.detach(|| evaluate(&weights, &data, split, coarser)).map_err(python_error)?;
     let text = |errors: &PressErrors| serde_json::to_string(errors).expect("plain data");
     let one = |Evaluated { grasp, network, linear }: Evaluated| {
         (grasp, text(&network), linear.as_ref().map(text))

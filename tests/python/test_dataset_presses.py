@@ -201,6 +201,26 @@ def test_a_network_learns_from_it_feels_small_balls_and_predicts_its_errors(data
     assert far.predicted_error is None and not far.displacement.any()
 
 
+def test_a_network_learns_from_solutions_of_two_fidelities(data, tmp_path, capsys):
+    options = {"epochs": 1, "linear_nodes": 700, "network": {"width": 8}}
+    card = surrogate.train(data.path, tmp_path / "one", **options)
+    both = surrogate.train(data.path, tmp_path / "both", coarser=data.path, **options)
+    assert card is not None and both is not None and "low_fidelity" not in card["data"]
+    assert both["data"]["low_fidelity"] == card["data"]["train"]
+    assert both["data"]["train"] == [2 * count for count in card["data"]["train"]]
+    assert both["data"]["fingerprint"] != card["data"]["fingerprint"]
+    other = dataset.generate(
+        tmp_path / "other", **{**PRESSES, "objects": 1, "gels": [{**GEL, "poisson": 0.4}]}
+    )
+    assert other is not None
+    with pytest.raises(ValueError, match="other: gels: found others"):
+        surrogate.train(data.path, tmp_path / "wrong", coarser=other.path, **options)
+    command = ["network", "train", str(data.path), str(tmp_path / "soft"), "--variant", "soft"]
+    with pytest.raises(SystemExit):
+        main([*command, "--coarser", str(data.path)])
+    assert "coarser: found a dataset" in capsys.readouterr().err
+
+
 def test_wrong_settings_are_named(tmp_path):
     with pytest.raises(ValueError, match=r"scale: found 0\.5 to 0\.1"):
         dataset.generate(tmp_path / "scale", **{**PRESSES, "scale": [0.5, 0.1]})

@@ -23,8 +23,8 @@ use crate::{
 /// Number of features of a column: displacement of its layers, contact force, distance from the
 /// undisplaced column to the object, distance from the displaced column in units of the amplitude
 /// and of the thickness, normal of the object, position of the column, features of the press as a
-/// whole, and of its contact on cells, slope of the displaced face.
-pub(super) const FEATURES: usize = SLOPES + 4;
+/// whole, and of its contact on cells, slope of the displaced face, fidelity.
+pub(super) const FEATURES: usize = FIDELITY + 1;
 /// Number of features before those of contact on cells.
 const CELLS: usize = 3 * LAYERS + 3 + 3 + 3 + PLACE_FEATURES + GLOBALS;
 /// Number of features of the press as a whole: amplitude, compressibility, friction, force over
@@ -39,6 +39,9 @@ const PRESS_CELLS: usize = 5;
 /// Number of features before the slope of the displaced face: along x and y, its norm, and its
 /// product with the object's normal.
 const SLOPES: usize = CELLS + COLUMN_CELLS + PRESS_CELLS;
+/// Number of features before the fidelity: 0 for a press of which the solution to learn from is the
+/// less accurate one of two kinds, else 1.
+const FIDELITY: usize = SLOPES + 4;
 /// Number of vectors of a column along which its displacement is corrected.
 pub(super) const DIRECTIONS: usize = 3;
 
@@ -177,6 +180,7 @@ impl PadInput {
             put(&of_press);
             let numbers = [slope.x, slope.y, slope.norm(), slope.dot(&normal)];
             put(&numbers.map(|x| (4.0 * x) as f32));
+            put(&[1.0]);
             let near = distances[1] * amplitude * normal;
             let dragged = displacement.z * slope;
             normals[3 * column..][..3].copy_from_slice(&single(&normal));
@@ -199,6 +203,12 @@ impl PadInput {
             amplitude: (amplitude / length) as f32,
             strongest: (strongest / gel.force()) as f32,
         }
+    }
+
+    /// Marks the press as one of which the solution to learn from is the less accurate one.
+    pub(super) fn of_low_fidelity(mut self) -> Self {
+        self.features.chunks_exact_mut(FEATURES).for_each(|row| row[FIDELITY] = 0.0);
+        self
     }
 
     /// Features of all contact on cells: means of pressure, slope and spread, size and number of
@@ -363,6 +373,27 @@ mod tests {
         let fields =
             PadFields { displacement, contact_force, von_mises: Vec::new(), poses: vec![pose] };
         LinearFields { fields, cells: CellContact { nodes: Vec::new(), spacing: 1e-3 } }
+    }
+
+    #[test]
+    fn a_press_of_low_fidelity_differs_in_one_feature() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let pad = sensor.pad(1000).unwrap();
+        let (graph, places) = (PadGraph::new(&pad).unwrap(), &pad.mesh.vertices);
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        let linear = displaced(places.len(), Isometry3::translation(0.0, 0.0, 4e-3));
+        let shapes = [Shape::Sphere { radius: 4e-3 }];
+        let fine = PadInput::new(&graph, &gel, places, &shapes, &linear);
+        let low = fine.clone().of_low_fidelity();
+        for (a, b) in fine.features.chunks(FEATURES).zip(low.features.chunks(FEATURES)) {
+            assert_eq!((a[FIDELITY], b[FIDELITY]), (1.0, 0.0));
+            assert_eq!(a[..FIDELITY], b[..FIDELITY]);
+        }
+        for mirror in &graph.mirrors {
+            let row = &low.mirrored(mirror).features[..FEATURES];
+            assert_eq!(row[FIDELITY], 0.0);
+        }
     }
 
     #[test]

@@ -17,35 +17,63 @@ use super::{
     training_run::{TrainingProgress, TrainingRun, Watch, trainable},
     weights::{self, Card, Data, NetworkCard, TrainingBounds, counts, fingerprint},
 };
-use crate::{Result, dataset::Dataset};
+use crate::{
+    Error, Result,
+    dataset::{Dataset, sha256},
+};
 
 /// Trains on the dataset in `data` and writes checkpoints, weights and their card into `out`;
 /// resumes from the last checkpoint there. `watch` is called at every step and stops the run by
 /// returning false. Returns the card, or `None` if stopped.
 ///
-/// Errors: a dataset that cannot be read, a split without frames, a checkpoint of another run, a
-/// gradient that is not finite.
+/// A second dataset, `coarser`, may hold presses of the same gels that were solved less accurately.
+/// A feature of the network tells it which solution it is to meet; its answers are like those of
+/// `data`.
+///
+/// Errors: a dataset that cannot be read, one of other gels, a split without frames, a checkpoint
+/// of another run, a gradient that is not finite.
 pub fn train(
     data: &Path,
+    coarser: Option<&Path>,
     out: &Path,
     training: &Training,
     trained_by: &str,
     watch: Watch,
 ) -> Result<Option<Card>> {
     let dataset = Dataset::open(data)?;
-    let gels = Gels::new(dataset.config(), training.linear_nodes)?;
-    let split = dataset.split(&training.split)?.clone();
-    let parts = [&split.train[..], &split.validation, &split.test];
-    let mut go_on = true;
-    let ([samples, validation, test], lost) = gels.samples(&dataset, parts, &mut |done, all| {
-        go_on = watch(&TrainingProgress::Shard { done, all });
-        go_on
-    })?;
-    if !go_on {
-        return Ok(None);
+    let lower = coarser.map(Dataset::open).transpose()?;
+    if let (Some(lower), Some(path)) = (&lower, coarser) {
+        same_pads(&dataset, lower).map_err(|reason| Error::file(path, reason))?;
     }
-    trainable(&training.split, &samples)?;
-    let fingerprint = fingerprint(&dataset, &split);
+    let gels = Gels::new(dataset.config(), training.linear_nodes)?;
+    let shards = dataset.shards() + lower.as_ref().map_or(0, Dataset::shards);
+    let (mut parts, mut fingerprints) = ([const { Vec::new() }; 3], Vec::new());
+    let (mut lost, mut read, mut go_on, mut low) = (0, 0, true, [0; 2]);
+    for (dataset, is_lower) in lower.iter().map(|d| (d, true)).chain([(&dataset, false)]) {
+        let split = dataset.split(&training.split)?.clone();
+        let names = [&split.train[..], &split.validation, &split.test];
+        let (found, missing) = gels.samples(dataset, names, &mut |done, _| {
+            go_on = watch(&TrainingProgress::Shard { done: read + done, all: shards });
+            go_on
+        })?;
+        if !go_on {
+            return Ok(None);
+        }
+        trainable(&training.split, &found[0])?;
+        if is_lower {
+            low = counts(found[0].iter().map(|s| &s.grasp));
+        }
+        for (part, found) in parts.iter_mut().zip(found) {
+            part.extend(found.into_iter().map(|s| if is_lower { s.of_low_fidelity() } else { s }));
+        }
+        (lost, read) = (lost + missing, read + dataset.shards());
+        fingerprints.push(fingerprint(dataset, &split));
+    }
+    let [samples, validation, test] = parts;
+    let fingerprint = match &fingerprints[..] {
+        [one] => one.clone(),
+        all => sha256(all.join(" ")),
+    };
     let pace = Pace::new(Budget::Epochs(training.epochs), &|| 0.0);
     let mut run = TrainingRun::<Corrector>::resumed(
         training.clone(),
@@ -72,6 +100,7 @@ pub fn train(
         training: training.clone(),
         data: Data {
             train: counts(samples.iter().map(|s| &s.grasp)),
+            low_fidelity: low,
             test: counts(test.iter().map(|s| &s.grasp)),
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
@@ -83,6 +112,22 @@ pub fn train(
     };
     run.finish(&vectors, &card)?;
     Ok(Some(card))
+}
+
+/// Returns why the presses of `lower` cannot be learnt from together with those of `dataset`.
+fn same_pads(dataset: &Dataset, lower: &Dataset) -> std::result::Result<(), String> {
+    let [fine, low] = [dataset, lower].map(Dataset::config);
+    let differs = [
+        ("gels", fine.gels != low.gels),
+        ("model_nodes", fine.model_nodes != low.model_nodes),
+        ("truth_steps", fine.truth_steps != low.truth_steps),
+    ];
+    match differs.iter().find(|(_, differs)| *differs) {
+        None => Ok(()),
+        Some((what, _)) => {
+            Err(format!("{what}: found others, expected those of the finer dataset"))
+        }
+    }
 }
 
 /// Fits the prediction of errors to the answers of `network` to `samples`.
@@ -122,15 +167,21 @@ fn judge_blended(
 }
 
 /// Computes the errors of a corrector, or of one of the paper's networks, on each press of the test
-/// part of a split.
+/// part of a split; if `coarser`, as answers to presses of the less accurate of two datasets.
 ///
 /// Errors: weights of another kind, a dataset or a split that cannot be read.
-pub fn evaluate(weights: &Path, data: &Path, split: &str) -> Result<Vec<Evaluated>> {
+pub fn evaluate(weights: &Path, data: &Path, split: &str, coarser: bool) -> Result<Vec<Evaluated>> {
     let (name, bytes) = (weights.display().to_string(), weights::read(weights)?);
     let dataset = Dataset::open(data)?;
     let names = &dataset.split(split)?.test;
     match weights::variant(&name, &bytes, &[Card::VARIANTS, PaperCard::VARIANTS].concat())? {
-        found if Card::VARIANTS.contains(&&*found) => corrector(&name, &bytes, &dataset, names),
+        found if Card::VARIANTS.contains(&&*found) => {
+            corrector(&name, &bytes, &dataset, names, coarser)
+        }
+        _ if coarser => {
+            let expected = "weights of a corrector, which alone know of coarser solutions";
+            Err(Error::invalid("coarser", "weights of the paper's networks", expected))
+        }
         _ => paper::evaluate(&name, &bytes, &dataset, names),
     }
 }
@@ -140,11 +191,15 @@ fn corrector(
     bytes: &[u8],
     dataset: &Dataset,
     names: &[String],
+    coarser: bool,
 ) -> Result<Vec<Evaluated>> {
     let (vectors, card): (_, Card) = weights::of_kind(name, bytes)?;
     let network = Corrector::new(&card.network, &Parameters::given(vectors)?.builder())?;
     let gels = Gels::new(dataset.config(), card.linear_nodes)?;
-    let ([samples], _) = gels.samples(dataset, [names], &mut |_, _| true)?;
+    let ([mut samples], _) = gels.samples(dataset, [names], &mut |_, _| true)?;
+    if coarser {
+        samples = samples.into_iter().map(Sample::of_low_fidelity).collect();
+    }
     let found = judge_blended(&network, card.predicted.as_ref(), &gels, &samples)?;
     let found = found.into_iter().zip(judge_linear(&gels, &samples));
     let one = |(sample, (network, linear)): (Sample, _)| Evaluated {

@@ -151,6 +151,14 @@ impl Gels {
     }
 }
 
+impl Sample {
+    /// Marks the solution as the less accurate one of two kinds.
+    pub(super) fn of_low_fidelity(self) -> Self {
+        let grasp = format!("{}, coarser", self.grasp);
+        Self { input: self.input.of_low_fidelity(), grasp, ..self }
+    }
+}
+
 impl Target {
     /// Largest displacement over the pad's thickness.
     pub(super) fn amplitude(&self) -> f64 {

@@ -66,6 +66,9 @@ pub struct Data {
     pub trained_by: String,
     /// Numbers of grasps and of frames of their pads in the training part.
     pub train: [usize; 2],
+    /// Those among them that were solved less accurately than the others.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub low_fidelity: [usize; 2],
     /// Numbers of grasps and of frames of their pads in the test part.
     pub test: [usize; 2],
     /// Names of the sensors.
@@ -89,6 +92,11 @@ pub struct TrainingBounds {
     pub force: f64,
     /// Least effective number of nodes that bear the force, (Σ f)² / Σ f².
     pub bearing: f64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // As serde calls it.
+fn is_none(counts: &[usize; 2]) -> bool {
+    *counts == [0; 2]
 }
 
 impl TrainingBounds {

@@ -454,6 +454,7 @@ def solve_press(
 ) -> list[tuple[_Array, _Array, _Array] | PressError]: ...
 def train_surrogate(
     data: _Path,
+    coarser: _Path | None,
     out: _Path,
     variant: str,
     settings: str,
@@ -462,5 +463,5 @@ def train_surrogate(
     watch: Callable[[str, str], bool],
 ) -> str | None: ...
 def evaluate_surrogate(
-    weights: _Path, data: _Path, split: str
+    weights: _Path, data: _Path, split: str, coarser: bool
 ) -> list[tuple[str, str, str | None]]: ...

@@ -33,6 +33,7 @@ def train(
     data: str | PathLike[str],
     out: str | PathLike[str],
     *,
+    coarser: str | PathLike[str] | None = None,
     variant: str = "corrector",
     commit: str = "",
     watch: Watch | None = None,
@@ -58,6 +59,9 @@ def train(
     Args:
         data: A dataset, finished or not.
         out: Folder of the run.
+        coarser: A second dataset to learn from, of presses of the same gels that were solved on
+            coarser meshes; for the corrector. The network is told which of the two a press is from,
+            and answers like `data`: many cheap solutions and some accurate ones.
         variant: Kind of network; see the table.
         commit: Commit of this library, recorded in the card.
         watch: See `Watch`.
@@ -89,12 +93,16 @@ def train(
     with naming_nearest():
         if variant != "soft" and (split := _split(data, settings.get("split"))):
             settings["split"] = split
-        card = train_surrogate(data, out, variant, json.dumps(settings), commit, clock, tell)
+        card = train_surrogate(data, coarser, out, variant, json.dumps(settings), commit, clock, tell)
     return None if card is None else dict(json.loads(card))
 
 
 def evaluate(
-    weights: str | PathLike[str], data: str | PathLike[str], split: str | None = None
+    weights: str | PathLike[str],
+    data: str | PathLike[str],
+    split: str | None = None,
+    *,
+    coarser: bool = False,
 ) -> list[dict[str, Any]]:
     """Errors of a corrector, or of one of the paper's networks, on the test part of a split.
 
@@ -103,6 +111,8 @@ def evaluate(
         data: A dataset, finished or not.
         split: Name of the split; ``None`` takes the only one of a finished dataset, as of presses,
             or else ``novel-14``.
+        coarser: Whether the dataset was the coarser one of two that a corrector learnt from: it
+            then answers as it does there.
 
     Returns:
         For each frame ``grasp``, and the errors of the ``surrogate`` and of the ``linear`` solution
@@ -115,7 +125,7 @@ def evaluate(
         ValueError: If the weights, the dataset or the split cannot be read.
     """
     with naming_nearest():
-        found = evaluate_surrogate(weights, data, _split(data, split) or "novel-14")
+        found = evaluate_surrogate(weights, data, _split(data, split) or "novel-14", coarser)
     return [
         {
             "grasp": grasp,

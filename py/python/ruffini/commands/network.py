@@ -54,6 +54,12 @@ def add_to(commands: Any) -> None:
     parser.add_argument("data", help="the dataset, finished or not; of soft objects for soft")
     parser.add_argument("out", help="folder for checkpoints, weights and their card")
     parser.add_argument(
+        "--coarser",
+        metavar="DATA",
+        help="a second dataset, of presses solved on coarser meshes: many cheap solutions beside "
+        "some accurate ones (corrector)",
+    )
+    parser.add_argument(
         "--variant", choices=_OPTIONS, default="corrector", help="corrector if not given"
     )
     for name, (kind, text) in _SETTINGS.items():
@@ -78,6 +84,9 @@ def add_to(commands: Any) -> None:
     judge.add_argument("weights", help="the .safetensors file")
     judge.add_argument("data", help="the dataset")
     judge.add_argument("--split", help="split; the only one, else novel-14, if not given")
+    judge.add_argument(
+        "--coarser", action="store_true", help="the dataset is the coarser one that it learnt from"
+    )
     judge.add_argument("--json", type=Path, help="file for the errors of every frame")
     judge.set_defaults(run=_evaluate)
 
@@ -99,6 +108,7 @@ def _train(options: argparse.Namespace) -> None:
     card = surrogate.train(
         options.data,
         options.out,
+        coarser=options.coarser,
         variant=options.variant,
         commit=options.commit,
         watch=_teller(_PARTS[options.variant]),
@@ -164,7 +174,9 @@ def summary(answerers: dict[str, dict[str, Any]]) -> str:
 def _evaluate(options: argparse.Namespace) -> None:
     if options.json is not None:
         check_writable("json", options.json)
-    frames = surrogate.evaluate(options.weights, options.data, options.split)
+    frames = surrogate.evaluate(
+        options.weights, options.data, options.split, coarser=options.coarser
+    )
     if not frames:
         where = f"of {options.split}" if options.split else "of the split"
         raise ValueError(f"{options.data}: no frames in the test part {where}")
