@@ -292,14 +292,17 @@ impl PadModel {
         let gel = PadMaterial { friction, ..self.gel };
         let input = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
         let LinearFields { fields: linear, .. } = linear;
-        let (corrected, predicted_error) = if input.amplitude > 0.0 {
+        let before = wanted.residual.then(|| linear.clone());
+        let (mut corrected, predicted_error) = if input.amplitude > 0.0 {
             self.corrected(&input, linear, with_stress, is_plain)?
         } else {
             (linear, None)
         };
+        let residual = match &before {
+            Some(linear) => self.unfold(linear, &mut corrected)?,
+            None => 0.0,
+        };
         let PadFields { displacement, contact_force, von_mises, poses } = corrected;
-        let residual =
-            if wanted.residual { self.residual(&displacement, &contact_force)? } else { 0.0 };
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
         let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
         let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
@@ -345,9 +348,29 @@ impl PadModel {
         Ok((corrected, predicted_error))
     }
 
-    /// Norm of the residual force by the elements of the model mesh (N).
-    fn residual(&self, displacement: &[Vector3<f64>], contact: &[Vector3<f64>]) -> Result<f64> {
-        self.elements.residual(displacement, contact).ok_or(Error::Inverted)
+    /// Reduces the correction of `linear` in an answer to a half, a quarter or none of it while it
+    /// turns a tetrahedron inside out, and returns the norm of the answer's residual force by the
+    /// elements of the model mesh (N); an error if the linear solution turns one inside out, too.
+    fn unfold(&self, linear: &PadFields, answer: &mut PadFields) -> Result<f64> {
+        let residual =
+            |found: &PadFields| self.elements.residual(&found.displacement, &found.contact_force);
+        if let Some(residual) = residual(answer) {
+            return Ok(residual);
+        }
+        let whole = answer.clone();
+        for share in [0.5, 0.25, 0.0] {
+            let mix = |to: &Vec<Vector3<f64>>, from: &Vec<Vector3<f64>>| {
+                from.iter().zip(to).map(|(from, to)| from + share * (to - from)).collect()
+            };
+            answer.displacement = mix(&whole.displacement, &linear.displacement);
+            answer.contact_force = mix(&whole.contact_force, &linear.contact_force);
+            let stresses = linear.von_mises.iter().zip(&whole.von_mises);
+            answer.von_mises = stresses.map(|(from, to)| from + share * (to - from)).collect();
+            if let Some(residual) = residual(answer) {
+                return Ok(residual);
+            }
+        }
+        Err(Error::Inverted)
     }
 }
 
@@ -363,5 +386,46 @@ impl DeformationModel for Surrogate {
 
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
         self.solve_path(press)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    #[test]
+    fn a_correction_that_turns_a_tetrahedron_inside_out_is_reduced() {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let network = Surrogate::new(&sensor, moduli, 0.5).unwrap();
+        let (model, mesh) = (&*network.trained, network.body().mesh());
+        let away = |place: &Point3<f64>| place.coords.norm();
+        let nodes = 0..mesh.vertices.len();
+        let apex =
+            nodes.min_by(|&a, &b| away(&mesh.vertices[a]).total_cmp(&away(&mesh.vertices[b])));
+        let (apex, layer) = (apex.unwrap(), sensor.outline.thickness / LAYERS as f64);
+        let still = PadFields {
+            displacement: vec![Vector3::zeros(); mesh.vertices.len()],
+            contact_force: vec![Vector3::zeros(); mesh.vertices.len()],
+            von_mises: vec![0.0; mesh.tets.len()],
+            poses: Vec::new(),
+        };
+        let pushed = |layers: f64| {
+            let mut fields = still.clone();
+            fields.displacement[apex].z = -layers * layer;
+            fields.von_mises[0] = 100.0;
+            fields
+        };
+        for (layers, share) in [(0.5, 1.0), (1.6, 0.5), (3.2, 0.25), (1e3, 0.0)] {
+            let mut answer = pushed(layers);
+            assert!(model.unfold(&still, &mut answer).unwrap().is_finite());
+            assert_eq!(answer.displacement[apex].z, -share * layers * layer, "{layers} layers");
+            assert_eq!(answer.von_mises[0], 100.0 * share, "{layers} layers");
+        }
+        let folded = pushed(1e3);
+        let refused = model.unfold(&folded, &mut folded.clone());
+        assert_eq!(refused.unwrap_err(), Error::Inverted);
     }
 }

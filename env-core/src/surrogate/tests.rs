@@ -109,7 +109,7 @@ fn every_parameter_gets_a_gradient() {
 fn one_press_can_be_learnt_by_heart() {
     let (graph, samples) = samples(&[1e-3]);
     let network = CorrectorConfig::default();
-    let training = Training { epochs: 1500, rate: 4e-3, mirrors: false, network, ..small() };
+    let training = Training { epochs: 1500, rate: 2e-3, mirrors: false, network, ..small() };
     let mut trainer = Trainer::<Corrector>::new(training).unwrap();
     let gels = gels(graph.clone());
     let before = parts(&trainer.network, &[&samples[0]], &graph, 0).unwrap().values().unwrap();

@@ -27,6 +27,7 @@ REPORTS += [
     "sliding",
     "soak",
     "stability",
+    "targets",
     "unseen",
 ]
 
