@@ -60,7 +60,8 @@ pub(crate) fn train_surrogate(
         answer.map_err(heard).unwrap_or_default()
             && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     };
-    let card = py.detach(|| request.train((&data, coarser.as_deref()), &out, commit, &now, &mut go_on));
+    let card =
+        py.detach(|| request.train((&data, coarser.as_deref()), &out, commit, &now, &mut go_on));
     if let Some(error) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
         return Err(error);
     }

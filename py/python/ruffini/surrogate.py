@@ -93,7 +93,9 @@ def train(
     with naming_nearest():
         if variant != "soft" and (split := _split(data, settings.get("split"))):
             settings["split"] = split
-        card = train_surrogate(data, coarser, out, variant, json.dumps(settings), commit, clock, tell)
+        card = train_surrogate(
+            data, coarser, out, variant, json.dumps(settings), commit, clock, tell
+        )
     return None if card is None else dict(json.loads(card))
 
 
