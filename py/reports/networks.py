@@ -156,8 +156,8 @@ median / 95th percentile.
 {runs}
 
 *Channels* are the width of its hidden layers, *rounds* those of messages between neighbours;
-*trained by* is a commit. Each run keeps the epoch that is best on as many further indenters
-(validation). `pads-0` is shipped. Data: `ruffini dataset generate finer --config
+*trained by* is a commit. Each run keeps the epoch that is best on further indenters (validation).
+`pads-0` is shipped. Data: `ruffini dataset generate finer --config
 tests/reference/indentations_finer.toml`, the same with `coarser` and `indentations.toml`; `python
 py/reports networks --data finer --coarser coarser --runs runs`, with `--sizes` for other widths.
 
@@ -215,15 +215,15 @@ of a ball of 12 mm, 0.8 mm deep, where the linear solution is 4 % and the networ
 from 400 answers. So that network stayed, until the next one replaced it."""
 
 
-TRUTH = """{presses} of these presses, {frames} frames, were solved again on finer meshes: what the
-nonlinear law changes on up to {sizes[truth_nodes]:,} nodes in place of {usual[truth_nodes]:,}, the
-linear fields on up to {sizes[truth_linear_nodes]:,} in place of {usual[truth_linear_nodes]:,}, with
-up to {sizes[truth_across]:.0f} distances between nodes across what the indenter covers in place of
-{usual[truth_across]:.0f}. The two differ by {median[displacement]:100*.1f} % in displacement,
-{median[stress]:100*.1f} % in stress and {median[force]:100*.1f} % in force in the median, by
-{p95[displacement]:100*.0f}, {p95[stress]:100*.0f} and {p95[force]:100*.0f} % at the 95th
+TRUTH = """{presses} of the 800 presses, {frames} frames, were solved again on finer meshes: what
+the nonlinear law changes on up to {sizes[truth_nodes]:,} nodes in place of {usual[truth_nodes]:,},
+the linear fields on up to {sizes[truth_linear_nodes]:,} in place of {usual[truth_linear_nodes]:,},
+with up to {sizes[truth_across]:.0f} distances between nodes across what the indenter covers in
+place of {usual[truth_across]:.0f}. The two differ by {median[displacement]:100*.1f} % in
+displacement, {median[stress]:100*.1f} % in stress and {median[force]:100*.1f} % in force in the
+median, by {p95[displacement]:100*.0f}, {p95[stress]:100*.0f} and {p95[force]:100*.0f} % at the 95th
 percentile. Contact is resolved by the same cells in both. Commit {commit}; `ruffini dataset error
-presses finer`, or `python py/reports networks --data presses --finer finer`."""
+coarser again`, or `python py/reports networks --data coarser --finer again`."""
 
 
 def _rows(heads: Sequence[str], *rows: tuple[Any, ...]) -> list[dict[str, Any]]:

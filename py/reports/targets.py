@@ -19,13 +19,14 @@ import numpy as np
 import tomllib
 
 from engine import KEPT, ROOT, Rows, made, run, table, text
-from pareto_cases import MINI, SHAPES, UPRIGHT, Case, Fields, straight, true
+from pareto_cases import MINI, SHAPES, UPRIGHT, Case, Fields, presses, straight, true
 from ruffini import PressError
 from ruffini._core import solve_press
 
 MADE_OF = [
     *("env-core/src/dataset", "env-core/src/fem", "env-core/src/compliance"),
-    *("py/reports/targets.py", "py/reports/pareto_cases.py"),
+    *("py/reports/targets.py", "py/reports/pareto_cases.py", "tests/reference/presses.py"),
+    *("tests/reference/indentations.toml", "tests/reference/indentations_finer.toml"),
 ]
 DEPTHS = (0.6e-3, 1.2e-3, 1.8e-3, 2.4e-3)
 """Depths (m) of the frames: 15, 30, 45 and 60 % of the thickness."""
@@ -35,8 +36,8 @@ PARTS = ("displacement", "stress", "force")
 COARSE, FINE, FINER = "800 presses", "106 presses", "reference of `unseen`"
 SETS = {COARSE: "indentations.toml", FINE: "indentations_finer.toml", FINER: "indentations.toml"}
 """Configuration of each way to solve a press, under tests/reference."""
-CHANGES = {FINER: {"truth_nodes": 900, "truth_linear_nodes": 5000, "truth_across": 14.0}}
-"""What differs from it, as in ``tests/reference/presses.py``."""
+CHANGES = {FINER: presses.FINER}
+"""What differs from it."""
 
 
 def make(options: Namespace) -> dict[str, Any]:
@@ -74,15 +75,12 @@ def errors(quick: bool, kept: Any, number: int, how: str) -> dict[str, Any]:
     if isinstance(frames[-1], PressError):
         found["failed"] = frames[-1].kind
         frames = frames[:-1]
-    fields = [
-        Fields(u[None], stress[None], np.asarray(wrench)[None, :3]) for u, stress, wrench in frames
-    ]
-    true_of = [
-        Fields(truth.displacement[[f]], truth.stress[[f]], truth.force[[f]]) for f in case.judged
-    ]
-    both = zip(fields, true_of, strict=False)
-    apart = [frame.errors(exact, range(1)) for frame, exact in both]
-    return found | {"errors": {part: [off[part][0] for off in apart] for part in PARTS}}
+    if not frames:
+        return found
+    exact = Fields(*(of[case.judged] for of in (truth.displacement, truth.stress, truth.force)))
+    displacement, stress, wrench = (np.array(of) for of in zip(*frames, strict=True))
+    off = Fields(displacement, stress, wrench[:, :3]).errors(exact, range(len(frames)))
+    return found | {"errors": {part: off[part] for part in PARTS}}
 
 
 def solved(case: Case, how: str, quick: bool) -> list[Any]:
@@ -148,15 +146,15 @@ def page(report: dict[str, Any]) -> str:
         part: " / ".join(f"{{{part}[{high}]:100*{form}}}" for high, form in both.items())
         for part in PARTS
     }
-    presses: dict[str, Any] = {"shape": "{shape}", "set": "{set}"}
-    presses |= {part: partial(every, part) for part in PARTS}
-    presses |= {"s": "{seconds:.0f}", "failed": "{failed}"}
+    every_press: dict[str, Any] = {"shape": "{shape}", "set": "{set}"}
+    every_press |= {part: partial(every, part) for part in PARTS}
+    every_press |= {"s": "{seconds:.0f}", "failed": "{failed}"}
     depths = " / ".join(f"{1e3 * depth:.1f}" for depth in DEPTHS)
     return text(
         PAGE,
         report,
         table=table(columns, report["table"], absent="–"),
-        presses=table(presses, report["rows"], absent=""),
+        presses=table(every_press, report["rows"], absent=""),
         depths=depths,
         made=made(report),
     )

@@ -209,6 +209,11 @@ def test_a_network_learns_from_solutions_of_two_fidelities(data, tmp_path, capsy
     assert both["data"]["low_fidelity"] == card["data"]["train"]
     assert both["data"]["train"] == [2 * count for count in card["data"]["train"]]
     assert both["data"]["fingerprint"] != card["data"]["fingerprint"]
+    weights = tmp_path / "both/weights.safetensors"
+    fine, coarse = (surrogate.evaluate(weights, data.path, coarser=c) for c in (False, True))
+    assert [f"{row['grasp']}, coarser" for row in fine] == [row["grasp"] for row in coarse]
+    for one, same in zip(fine, coarse, strict=True):
+        assert one["surrogate"] != same["surrogate"] and one["linear"] == same["linear"]
     other = dataset.generate(
         tmp_path / "other", **{**PRESSES, "objects": 1, "gels": [{**GEL, "poisson": 0.4}]}
     )
@@ -216,8 +221,7 @@ def test_a_network_learns_from_solutions_of_two_fidelities(data, tmp_path, capsy
     with pytest.raises(ValueError, match="other: gels: found others"):
         surrogate.train(data.path, tmp_path / "wrong", coarser=other.path, **options)
     command = ["network", "train", str(data.path), str(tmp_path / "soft"), "--variant", "soft"]
-    with pytest.raises(SystemExit):
-        main([*command, "--coarser", str(data.path)])
+    assert main([*command, "--coarser", str(data.path)]) == 2
     assert "coarser: found a dataset" in capsys.readouterr().err
 
 

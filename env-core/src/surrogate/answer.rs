@@ -11,12 +11,12 @@ use nalgebra::{Isometry3, Unit, Vector3};
 use super::{
     corrector::Corrector,
     fast::PadInference,
-    features::PadInput,
+    features::{Fields, PadInput},
     graph::{LAYERS, PadGraph},
     linear::{LinearBaseline, LinearFields, LinearStress, PadFields, body},
     material::PadMaterial,
     parameters::Parameters,
-    predicted::ErrorModel,
+    predicted::{self, ErrorModel},
     weights::{self, Card, bearing_of},
 };
 use crate::{
@@ -24,8 +24,8 @@ use crate::{
     compliance::nodal::{ContactResolution, ContactSolution},
     contact::{Backing, SurfacePoint, clearance},
     deformation::{
-        Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
-        Wrench, solve_frames, solve_in_parallel,
+        Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wanted, Wrench,
+        solve_frames, solve_in_parallel,
     },
     fem::Linearised,
     geometry::{PadMesh, PadOutline, Shape},
@@ -292,17 +292,21 @@ impl PadModel {
         let gel = PadMaterial { friction, ..self.gel };
         let input = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
         let LinearFields { fields: linear, .. } = linear;
-        let before = wanted.residual.then(|| linear.clone());
-        let (mut corrected, predicted_error) = if input.amplitude > 0.0 {
-            self.corrected(&input, linear, with_stress, is_plain)?
+        let (answer, residual, predicted_error) = if input.amplitude > 0.0 {
+            let mut fields = self.network_fields(&input, with_stress, is_plain)?;
+            let blend = |model: &ErrorModel| model.blended(&input, &mut fields);
+            let predicted_error = self.card.predicted.as_ref().map(blend);
+            let (answer, residual) = if wanted.residual {
+                self.unfolded(&input, fields, &linear)?
+            } else {
+                (self.in_si(&fields, &linear), 0.0)
+            };
+            (answer, residual, predicted_error)
         } else {
-            (linear, None)
+            let residual = wanted.residual.then(|| self.residual(&linear).ok_or(Error::Inverted));
+            (linear, residual.transpose()?.unwrap_or_default(), None)
         };
-        let residual = match &before {
-            Some(linear) => self.unfold(linear, &mut corrected)?,
-            None => 0.0,
-        };
-        let PadFields { displacement, contact_force, von_mises, poses } = corrected;
+        let PadFields { displacement, contact_force, von_mises, poses } = answer;
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
         let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
         let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
@@ -321,56 +325,55 @@ impl PadModel {
         })
     }
 
-    /// Answer of the network, where it is predicted to be better than the linear one, with its
-    /// predicted errors.
-    fn corrected(
+    /// Answer of the network.
+    fn network_fields(
         &self,
         input: &PadInput,
-        linear: PadFields,
         with_stress: bool,
         is_plain: bool,
-    ) -> Result<(PadFields, Option<PredictedError>)> {
-        let mut fields = if is_plain {
-            self.plain.fields(input, &self.graph)?
-        } else {
-            self.network.forward(input, with_stress)
-        };
-        let blend = |model: &ErrorModel| model.blended(input, &mut fields);
-        let predicted_error = self.card.predicted.as_ref().map(blend);
+    ) -> Result<Fields> {
+        if is_plain {
+            return Ok(self.plain.fields(input, &self.graph)?);
+        }
+        Ok(self.network.forward(input, with_stress))
+    }
+
+    /// Converts an answer to SI; what the network does not correct is that of `linear`.
+    fn in_si(&self, fields: &Fields, linear: &PadFields) -> PadFields {
         let mut contact_force = self.gel.forces(&fields.forces);
         contact_force.extend(&linear.contact_force[self.graph.columns..]);
-        let corrected = PadFields {
+        PadFields {
             displacement: self.gel.displacement(&fields.displacement),
             contact_force,
             von_mises: self.gel.von_mises(&fields.stress),
-            poses: linear.poses,
-        };
-        Ok((corrected, predicted_error))
+            poses: linear.poses.clone(),
+        }
     }
 
-    /// Reduces the correction of `linear` in an answer to a half, a quarter or none of it while it
-    /// turns a tetrahedron inside out, and returns the norm of the answer's residual force by the
-    /// elements of the model mesh (N); an error if the linear solution turns one inside out, too.
-    fn unfold(&self, linear: &PadFields, answer: &mut PadFields) -> Result<f64> {
-        let residual =
-            |found: &PadFields| self.elements.residual(&found.displacement, &found.contact_force);
-        if let Some(residual) = residual(answer) {
-            return Ok(residual);
-        }
-        let whole = answer.clone();
-        for share in [0.5, 0.25, 0.0] {
-            let mix = |to: &Vec<Vector3<f64>>, from: &Vec<Vector3<f64>>| {
-                from.iter().zip(to).map(|(from, to)| from + share * (to - from)).collect()
-            };
-            answer.displacement = mix(&whole.displacement, &linear.displacement);
-            answer.contact_force = mix(&whole.contact_force, &linear.contact_force);
-            let stresses = linear.von_mises.iter().zip(&whole.von_mises);
-            answer.von_mises = stresses.map(|(from, to)| from + share * (to - from)).collect();
-            if let Some(residual) = residual(answer) {
-                return Ok(residual);
+    /// Converts an answer to SI with a half, a quarter or none of its correction of the linear
+    /// solution while it turns a tetrahedron inside out; returns it with the norm of its residual
+    /// force (N), or an error if the linear solution turns one inside out, too.
+    fn unfolded(
+        &self,
+        input: &PadInput,
+        mut fields: Fields,
+        linear: &PadFields,
+    ) -> Result<(PadFields, f64)> {
+        // Of the correction that is left.
+        for share in [1.0, 0.5, 0.5, 0.0] {
+            predicted::blend(input, [share; 3], &mut fields);
+            let answer = self.in_si(&fields, linear);
+            if let Some(residual) = self.residual(&answer) {
+                return Ok((answer, residual));
             }
         }
         Err(Error::Inverted)
+    }
+
+    /// Norm of the residual force by the elements of the model mesh (N); `None` where a tetrahedron
+    /// is inside out.
+    fn residual(&self, answer: &PadFields) -> Option<f64> {
+        self.elements.residual(&answer.displacement, &answer.contact_force)
     }
 }
 
@@ -393,7 +396,7 @@ impl DeformationModel for Surrogate {
 mod tests {
     use nalgebra::Point3;
 
-    use super::*;
+    use super::{super::linear::CellContact, *};
 
     #[test]
     fn a_correction_that_turns_a_tetrahedron_inside_out_is_reduced() {
@@ -402,30 +405,44 @@ mod tests {
         let network = Surrogate::new(&sensor, moduli, 0.5).unwrap();
         let (model, mesh) = (&*network.trained, network.body().mesh());
         let away = |place: &Point3<f64>| place.coords.norm();
-        let nodes = 0..mesh.vertices.len();
-        let apex =
-            nodes.min_by(|&a, &b| away(&mesh.vertices[a]).total_cmp(&away(&mesh.vertices[b])));
+        let apex = (0..mesh.vertices.len())
+            .min_by(|&a, &b| away(&mesh.vertices[a]).total_cmp(&away(&mesh.vertices[b])));
         let (apex, layer) = (apex.unwrap(), sensor.outline.thickness / LAYERS as f64);
-        let still = PadFields {
-            displacement: vec![Vector3::zeros(); mesh.vertices.len()],
-            contact_force: vec![Vector3::zeros(); mesh.vertices.len()],
-            von_mises: vec![0.0; mesh.tets.len()],
-            poses: Vec::new(),
+        let nodes = mesh.vertices.len();
+        let still = LinearFields {
+            fields: PadFields {
+                displacement: vec![Vector3::zeros(); nodes],
+                contact_force: vec![Vector3::zeros(); nodes],
+                von_mises: vec![0.0; mesh.tets.len()],
+                poses: vec![Isometry3::translation(0.0, 0.0, 0.1)],
+            },
+            cells: CellContact { nodes: Vec::new(), spacing: 1e-3 },
+        };
+        let shapes = [Shape::Sphere { radius: 4e-3 }];
+        let input = |linear: &LinearFields| {
+            PadInput::new(&model.graph, &model.gel, &mesh.vertices, &shapes, linear)
         };
         let pushed = |layers: f64| {
-            let mut fields = still.clone();
-            fields.displacement[apex].z = -layers * layer;
-            fields.von_mises[0] = 100.0;
+            let mut fields = Fields::linear(&input(&still));
+            fields.displacement[3 * apex + 2] = (-layers / LAYERS as f64) as f32;
+            fields.stress[0] = 1.0;
             fields
         };
         for (layers, share) in [(0.5, 1.0), (1.6, 0.5), (3.2, 0.25), (1e3, 0.0)] {
-            let mut answer = pushed(layers);
-            assert!(model.unfold(&still, &mut answer).unwrap().is_finite());
-            assert_eq!(answer.displacement[apex].z, -share * layers * layer, "{layers} layers");
-            assert_eq!(answer.von_mises[0], 100.0 * share, "{layers} layers");
+            let fields = pushed(layers);
+            let (answer, residual) = model.unfolded(&input(&still), fields, &still.fields).unwrap();
+            assert!(residual.is_finite());
+            let expected = -share * layers * layer;
+            assert!((answer.displacement[apex].z - expected).abs() < 1e-9, "{layers} layers");
+            let stress = share * moduli.shear();
+            assert!(
+                (answer.von_mises[0] - stress).abs() < 1e-6 * moduli.shear(),
+                "{layers} layers"
+            );
         }
-        let folded = pushed(1e3);
-        let refused = model.unfold(&folded, &mut folded.clone());
-        assert_eq!(refused.unwrap_err(), Error::Inverted);
+        let mut folded = still.clone();
+        folded.fields.displacement[apex].z = -1e3 * layer;
+        let refused = model.unfolded(&input(&folded), pushed(1e3), &folded.fields);
+        assert_eq!(refused.err(), Some(Error::Inverted));
     }
 }

@@ -365,6 +365,15 @@ mod tests {
     /// Place of the distance from the undisplaced column among its features.
     const BEFORE: usize = 3 * LAYERS + 3;
 
+    /// Graph, nodes and material of a GelSight Mini's pad.
+    fn mini() -> (PadGraph, Vec<Point3<f64>>, PadMaterial) {
+        let sensor = Sensor::named("gelsight-mini").unwrap();
+        let pad = sensor.pad(1000).unwrap();
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        (PadGraph::new(&pad).unwrap(), pad.mesh.vertices, gel)
+    }
+
     /// A displacement of up to a millimetre without contact, with a shape at `pose`.
     fn displaced(nodes: usize, pose: Isometry3<f64>) -> LinearFields {
         let direction = |i: f64| Vector3::new(i.sin(), (2.0 * i).cos(), (3.0 * i).sin());
@@ -377,14 +386,10 @@ mod tests {
 
     #[test]
     fn a_press_of_low_fidelity_differs_in_one_feature() {
-        let sensor = Sensor::named("gelsight-mini").unwrap();
-        let pad = sensor.pad(1000).unwrap();
-        let (graph, places) = (PadGraph::new(&pad).unwrap(), &pad.mesh.vertices);
-        let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        let (graph, places, gel) = mini();
         let linear = displaced(places.len(), Isometry3::translation(0.0, 0.0, 4e-3));
         let shapes = [Shape::Sphere { radius: 4e-3 }];
-        let fine = PadInput::new(&graph, &gel, places, &shapes, &linear);
+        let fine = PadInput::new(&graph, &gel, &places, &shapes, &linear);
         let low = fine.clone().of_low_fidelity();
         for (a, b) in fine.features.chunks(FEATURES).zip(low.features.chunks(FEATURES)) {
             assert_eq!((a[FIDELITY], b[FIDELITY]), (1.0, 0.0));
@@ -398,11 +403,7 @@ mod tests {
 
     #[test]
     fn distances_of_far_columns_are_those_of_a_query_to_the_bit() {
-        let sensor = Sensor::named("gelsight-mini").unwrap();
-        let pad = sensor.pad(1000).unwrap();
-        let (graph, places) = (PadGraph::new(&pad).unwrap(), &pad.mesh.vertices);
-        let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
+        let (graph, places, gel) = mini();
         let semi_axes = Vector3::new(4e-3, 5e-3, 8e-3);
         let wave = Wave { amplitude: 0.03, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
         let shapes = [
@@ -416,8 +417,8 @@ mod tests {
             let turned = Vector3::new(0.3, 0.2, 0.1);
             let pose = Isometry3::new(Vector3::new(5e-3, -4e-3, height), turned);
             let linear = displaced(places.len(), pose);
-            let found = PadInput::new(&graph, &gel, places, slice::from_ref(shape), &linear);
-            for (row, place) in found.features.chunks_exact(FEATURES).zip(places) {
+            let found = PadInput::new(&graph, &gel, &places, slice::from_ref(shape), &linear);
+            for (row, place) in found.features.chunks_exact(FEATURES).zip(&places) {
                 let before = nearest(slice::from_ref(shape), &linear.fields, place).value;
                 let exact = (2.0 * before / gel.thickness).clamp(-1.0, 1.0) as f32;
                 assert_eq!(row[BEFORE].to_bits(), exact.to_bits(), "{shape:?} at {height} m");

@@ -105,7 +105,7 @@ fn weight(ratio: f64) -> f64 {
 
 /// Multiplies the corrections of displacement, stress and force in `fields` of the linear solution
 /// in `input` by `weights`.
-fn blend(input: &PadInput, weights: [f64; PARTS], fields: &mut Fields) {
+pub(super) fn blend(input: &PadInput, weights: [f64; PARTS], fields: &mut Fields) {
     let mix = |part: usize, linear: &[f32], corrected: &mut [f32]| {
         let weight = weights[part] as f32;
         if weight < 1.0 {
