@@ -104,8 +104,8 @@ def fem(element: str, nodes: int, tolerance: float = 1e-7, graded: bool = False)
     )
 
 
-PADS = {"data": 3.2 * 3600, "training": 2 * 720.0}
-"""Core seconds of the network: 800 indenters, and 80 epochs (mechanics.md)."""
+PADS = {"data": 6.0 * 3600, "training": 1200.0}
+"""Core seconds of the network: 906 indenters, and 80 epochs (mechanics.md)."""
 B = {"data": 4.5 * 3600, "training": 600.0}
 """Of the paper's B: 630 grasps of 10 frames (dataset.md), and the budget of `paper`."""
 LAYER = "bonded layer"
@@ -148,7 +148,7 @@ FEW += ["network, by Candle", "paper's B", "fem p1-bar 500", ELEMENTS, "fem p2 5
 MINI = Gel("gelsight-mini", 3e5, 0.47, 0.8)
 SHAPES = [("ball", 4), ("ball", 2), ("ball", 8), ("block", 5)]
 """Shapes that are pressed straight down, and their size (mm)."""
-FIRST = 30_000
+FIRST = 31_000
 """Number of the first drawn press. Nothing was chosen by these."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 MODEL_NODES = 1000

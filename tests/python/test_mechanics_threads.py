@@ -9,11 +9,11 @@ import sys
 import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import BALL, ball_at, gel
+from fresh import fresh
 
 from ruffini import Compliance, Fem, LinearPad, Press, Surrogate
 
@@ -71,25 +71,24 @@ def heeding() -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
-    code = f"import sys, test_mechanics_threads as t; sys.stdout.buffer.write(t.many({name!r}))"
     outputs = []
     for threads in ("1", "3", "8"):
         monkeypatch.setenv("RAYON_NUM_THREADS", threads)
-        command = [sys.executable, "-c", code]
-        done = subprocess.run(command, capture_output=True, cwd=Path(__file__).parent, timeout=120)
-        assert done.returncode == 0, done.stderr.decode()
-        outputs.append(done.stdout)
+        outputs.append(fresh(many, name))
     assert len(outputs[0]) > 10_000
     assert outputs[0] == outputs[1] == outputs[2] == many(name)
 
 
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def many_in_a_worker(method: str) -> bytes:
+    """Answers of a worker that starts after this process has solved."""
+    many()
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context(method)) as pool:
+        return pool.submit(many).result()
+
+
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_workers_solve_after_the_parent_has_solved(method):
-    expected = many()
-    context = multiprocessing.get_context(method)
-    with ProcessPoolExecutor(1, mp_context=context) as pool:
-        assert pool.submit(many).result(timeout=120) == expected
+    assert fresh(many_in_a_worker, method) == many()
 
 
 def test_python_runs_while_a_press_is_solved():

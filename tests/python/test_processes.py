@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 import gymnasium as gym
 import numpy as np
 import pytest
+from fresh import fresh
 
 from ruffini.envs import GraspLiftVectorEnv
 
@@ -24,16 +25,19 @@ def work(seed: int) -> bytes:
     return envs.step(np.zeros((4, 5)))[0].tobytes()
 
 
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize("method", CONTEXTS)
-def test_workers_run_after_the_parent_has_stepped(method):
-    expected = work(0)
+def in_workers(method: str) -> bytes:
+    """Work of two workers that start after this process has stepped."""
+    work(0)
     inherited = GraspLiftVectorEnv(4, 2)
     inherited.reset(seed=0)
     inherited.step(np.zeros((4, 5)))
-    context = multiprocessing.get_context(method)
-    with ProcessPoolExecutor(2, mp_context=context) as pool:
-        assert [job.result(timeout=120) for job in [pool.submit(work, 0)] * 2] == [expected] * 2
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context(method)) as pool:
+        return b"".join(pool.map(work, [0, 0]))
+
+
+@pytest.mark.parametrize("method", CONTEXTS)
+def test_workers_run_after_the_parent_has_stepped(method):
+    assert fresh(in_workers, method) == 2 * work(0)
 
 
 def test_a_fresh_session_knows_the_modules_and_imports_none_before_it_is_asked():
@@ -53,20 +57,22 @@ def step_inherited() -> bytes:
     return INHERITED.step(np.zeros((4, 5)))[0].tobytes()
 
 
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_forked_child_steps_the_batch_that_its_parent_stepped():
+def steps_of_a_child_and_its_parent() -> bytes:
     INHERITED.reset(seed=0)
-    INHERITED.step(np.zeros((4, 5)))
+    step_inherited()
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
-        theirs = pool.submit(step_inherited).result(timeout=120)
-    assert theirs == step_inherited()
+        theirs = pool.submit(step_inherited).result()
+    return theirs + step_inherited()
 
 
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize("method", CONTEXTS)
-def test_async_vector_env_runs(method):
+def test_a_forked_child_steps_the_batch_that_its_parent_stepped():
+    both = fresh(steps_of_a_child_and_its_parent)
+    assert both and both[: len(both) // 2] == both[len(both) // 2 :]
+
+
+def step_asynchronously(method: str) -> bytes:
     INHERITED.reset(seed=0)
-    INHERITED.step(np.zeros((4, 5)))
+    step_inherited()
     envs = gym.make_vec(
         "ruffini:ruffini/GraspLift-v0",
         num_envs=2,
@@ -74,9 +80,14 @@ def test_async_vector_env_runs(method):
         vector_kwargs={"context": method},
     )
     observation, _ = envs.reset(seed=0)
-    assert observation["proprio"].shape == (2, 14)
     envs.step(np.zeros((2, 5), np.float32))
     envs.close()
+    return repr(observation["proprio"].shape).encode()
+
+
+@pytest.mark.parametrize("method", CONTEXTS)
+def test_async_vector_env_runs(method):
+    assert fresh(step_asynchronously, method) == b"(2, 14)"
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self/task"), reason="counts threads in /proc")
