@@ -26,6 +26,7 @@ use crate::{
         arrays::{array_of_vectors, refused},
         press::pose,
     },
+    pool::in_pool,
     signals::interruptible,
 };
 
@@ -118,7 +119,7 @@ pub(crate) fn solve_press<'py>(
         return Err(refused("path", "no pose", "two or more"));
     };
     let solve = || dataset::solve_press(&config, &shape.inner, *start, frames.to_vec());
-    let (frames, error) = interruptible(py, solve)?.map_err(python_error)?;
+    let (frames, error) = in_pool(py, solve)?.map_err(python_error)?;
     let fields = |frame: BodyFields| {
         let Carried { displacement, von_mises } = frame.carried;
         let Wrench { force, torque } = frame.wrench;

@@ -5,6 +5,7 @@ mod dataset;
 mod error;
 mod gif;
 mod mechanics;
+mod pool;
 mod sensor;
 mod signals;
 mod tensors;

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use ruffini_core::{Result, scene, sensor::Sensor};
 use serde_json::json;
 
-use crate::{error::python_error, signals::interruptible};
+use crate::{error::python_error, pool::in_pool};
 
 /// Names of the built-in sensors.
 #[pyfunction]
@@ -37,7 +37,7 @@ pub(crate) fn fit_foundation(
         let sensor = Sensor::open(name)?;
         scene::fit_foundation(&sensor, sensor.calibration(Some(calibration))?, nodes)
     };
-    let fitted = interruptible(py, fit)?.map_err(python_error)?;
+    let fitted = in_pool(py, fit)?.map_err(python_error)?;
     let errors = fitted.errors.iter().map(|error| {
         let scene::FoundationError { indenter, normal, tangential } = error;
         json!({"indenter": indenter, "normal": normal, "tangential": tangential})

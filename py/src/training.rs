@@ -8,6 +8,7 @@ use std::{
 use pyo3::{exceptions::PyValueError, prelude::*};
 use ruffini_core::{
     Error,
+    interrupt::Interrupt,
     surrogate::{
         Evaluated, PressErrors, Training, TrainingProgress, evaluate,
         paper::{PaperRun, PaperTrainingConfig},
@@ -17,15 +18,15 @@ use ruffini_core::{
 };
 use serde_json::{Value, json};
 
-use crate::error::python_error;
+use crate::{error::python_error, pool::in_pool};
 
 /// Trains a network on the dataset in `data` and writes it to the folder `out`; returns its card as
 /// JSON, or `None` if stopped.
 ///
 /// `settings` is a JSON object of values that replace the defaults of that variant. `clock` returns
 /// the time (s) by which a budget of seconds is measured. `watch` is called with the name of a
-/// stage and a JSON value, and stops the training if it returns false. Both are called in this
-/// thread, in which signals are checked.
+/// stage and a JSON value, and stops the training if it returns false. Both are called from another
+/// thread. A signal that raises an exception in this one, as Ctrl-C does, stops the training.
 #[pyfunction]
 #[allow(clippy::needless_pass_by_value, clippy::too_many_arguments)] // As they come from Python.
 pub(crate) fn train_surrogate(
@@ -40,32 +41,30 @@ pub(crate) fn train_surrogate(
     watch: Py<PyAny>,
 ) -> PyResult<Option<String>> {
     let request = TrainingRequest::new(variant, settings)?;
-    let raised = Mutex::new(None);
-    let heard = |error: PyErr| {
-        raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-    };
-    let now = || {
-        let now = Python::attach(|py| clock.call0(py)?.extract::<f64>(py));
-        now.map_err(heard).unwrap_or_default()
-    };
-    let mut go_on = |progress: &TrainingProgress| {
-        let answer = Python::attach(|py| {
-            py.check_signals()?;
-            match message(progress) {
+    let work = || {
+        let raised = Mutex::new(None);
+        let heard = |error: PyErr| {
+            raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        };
+        let now = || {
+            let now = Python::attach(|py| clock.call0(py)?.extract::<f64>(py));
+            now.map_err(heard).unwrap_or_default()
+        };
+        let interrupt = Interrupt::current();
+        let mut go_on = |progress: &TrainingProgress| {
+            let answer = Python::attach(|py| match message(progress) {
                 Some((stage, value)) => watch.call1(py, (stage, value))?.is_truthy(py),
                 None => Ok(true),
-            }
-        });
-        // An exception raised by the clock stops the training, too.
-        answer.map_err(heard).unwrap_or_default()
-            && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
+            });
+            // An exception raised by the clock stops the training, too.
+            answer.map_err(heard).unwrap_or_default()
+                && raised.lock().unwrap_or_else(PoisonError::into_inner).is_none()
+                && !interrupt.is_requested()
+        };
+        let card = request.train((&data, coarser.as_deref()), &out, commit, &now, &mut go_on);
+        raised.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(card), Err)
     };
-    let card =
-        py.detach(|| request.train((&data, coarser.as_deref()), &out, commit, &now, &mut go_on));
-    if let Some(error) = raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        return Err(error);
-    }
-    card.map_err(python_error)
+    in_pool(py, work)??.map_err(python_error)
 }
 
 /// Requested training run.
@@ -159,7 +158,7 @@ pub(crate) fn evaluate_surrogate(
     split: &str,
     coarser: bool,
 ) -> PyResult<Vec<(String, String, Option<String>)>> {
-    let found = py.detach(|| evaluate(&weights, &data, split, coarser)).map_err(python_error)?;
+    let found = in_pool(py, || evaluate(&weights, &data, split, coarser))?.map_err(python_error)?;
     let text = |errors: &PressErrors| serde_json::to_string(errors).expect("plain data");
     let one = |Evaluated { grasp, network, linear }: Evaluated| {
         (grasp, text(&network), linear.as_ref().map(text))

@@ -79,16 +79,18 @@ def test_any_number_of_threads_gives_the_same_bits(name, monkeypatch):
     assert outputs[0] == outputs[1] == outputs[2] == many(name)
 
 
-def many_in_a_worker(method: str) -> bytes:
-    """Answers of a worker that starts after this process has solved."""
-    many()
+def many_in_a_worker(name: str, method: str) -> bytes:
+    """Answers of a worker that starts after this process has solved the same."""
+    many(name)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context(method)) as pool:
-        return pool.submit(many).result()
+        return pool.submit(many, name).result()
 
 
-@pytest.mark.parametrize("method", ["fork", "spawn"])
-def test_workers_solve_after_the_parent_has_solved(method):
-    assert fresh(many_in_a_worker, method) == many()
+@pytest.mark.parametrize(
+    ("name", "method"), [*((name, "fork") for name in MODELS), ("fem", "spawn")]
+)
+def test_workers_solve_after_the_parent_has_solved(name, method):
+    assert fresh(many_in_a_worker, name, method) == many(name)
 
 
 def test_python_runs_while_a_press_is_solved():

@@ -9,7 +9,7 @@ use super::{
     arrays::{refused, vector},
     press,
 };
-use crate::{error::press_error, signals::interruptible};
+use crate::{error::press_error, pool::in_pool};
 
 const PAIR: &str = "poses of two pads, each (position (3,), quaternion xyzw (4,))";
 
@@ -69,7 +69,7 @@ impl Grasp {
         pads: (Bound<'py, Fem>, Bound<'py, Fem>),
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let (left, right) = (&pads.0.get().model, &pads.1.get().model);
-        let frames = interruptible(py, || self.inner.solve([left, right]))?;
+        let frames = in_pool(py, || self.inner.solve([left, right]))?;
         frames.into_iter().map(|frame| slot(py, frame)).collect()
     }
 

@@ -10,7 +10,6 @@ mod grasp;
 mod mesh;
 mod model;
 mod paper;
-mod pool;
 pub(crate) mod press;
 mod shape;
 mod soft;

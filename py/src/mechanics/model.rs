@@ -13,12 +13,11 @@ use ruffini_core::{
 };
 
 use super::{
-    Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, pool::in_pool,
-    press::one_or_many,
+    Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, press::one_or_many,
 };
 use crate::{
     error::{press_error, python_error},
-    signals::interruptible,
+    pool::in_pool,
 };
 
 /// Displacement (V, 3) and stress (T,) of a mesh.
@@ -216,13 +215,13 @@ impl Compliance {
     ) -> PyResult<Self> {
         let options = compliance::ComplianceOptions { friction, corrections };
         let solid = body.get().inner.clone();
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             let model = match cache {
                 Some(folder) => compliance::Compliance::cached(solid, options, &folder),
                 None => compliance::Compliance::new(solid, options),
             }?;
             LinearModel::new(model, contact, corrections)
-        });
+        })?;
         Ok(Self { model: model.map_err(python_error)?, body })
     }
 
@@ -273,7 +272,7 @@ pub(super) fn solve_path<'py, M: DeformationModel>(
     body: &Py<SoftBody>,
     press: &Press,
 ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let frames = interruptible(py, || model.solve_path(&press.inner))?;
+    let frames = in_pool(py, || model.solve_path(&press.inner))?;
     frames.into_iter().map(|frame| answer(py, frame, press, body)).collect()
 }
 

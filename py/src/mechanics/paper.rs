@@ -10,13 +10,12 @@ use super::{
     Press, SoftBody,
     answer::pose,
     arrays::{array_of_vectors, vectors},
-    pool::in_pool,
     press::one_or_many,
     surrogate::CalibratedGel,
 };
 use crate::{
     error::{press_error, python_error},
-    signals::interruptible,
+    pool::in_pool,
 };
 
 /// Solution of a press by one of the paper's networks, in the frame of the body.
@@ -76,11 +75,11 @@ impl PaperNetwork {
         poisson: Option<f64>,
         friction: Option<f64>,
     ) -> PyResult<Self> {
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             let CalibratedGel { sensor, moduli, friction } =
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             paper::PaperNetwork::named(weights, &sensor, moduli, friction)
-        });
+        })?;
         Self::of(py, model)
     }
 
@@ -106,11 +105,11 @@ impl PaperNetwork {
         poisson: Option<f64>,
         friction: Option<f64>,
     ) -> PyResult<Self> {
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             let CalibratedGel { sensor, moduli, friction } =
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             paper::PaperNetwork::load(&path, &sensor, moduli, friction)
-        });
+        })?;
         Self::of(py, model)
     }
 
@@ -145,7 +144,7 @@ impl PaperNetwork {
     ///     A list with a PaperAnswer for each frame. It ends early with a PressError at the first
     ///     frame that is not solved.
     fn solve_path<'py>(&self, py: Python<'py>, press: &Press) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let frames = interruptible(py, || self.model.solve_path(&press.inner))?;
+        let frames = in_pool(py, || self.model.solve_path(&press.inner))?;
         frames.into_iter().map(|frame| answer(py, frame)).collect()
     }
 

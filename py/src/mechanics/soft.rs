@@ -10,7 +10,7 @@ use super::{
     arrays::vectors,
     model::{solve, solve_path},
 };
-use crate::error::python_error;
+use crate::{error::python_error, pool::in_pool};
 
 /// Graph network that corrects a linear solution of a soft object between two rigid fingers.
 ///
@@ -53,13 +53,13 @@ impl SoftSurrogate {
     ) -> PyResult<Self> {
         let (shape, moduli) = (shape.inner.clone(), Moduli { young, poisson });
         let path = PathBuf::from(weights);
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             if path.extension().is_some_and(|extension| extension == "safetensors") {
                 soft::SoftSurrogate::load(&path, &shape, moduli, friction)
             } else {
                 soft::SoftSurrogate::named(weights, &shape, moduli, friction)
             }
-        });
+        })?;
         let model = model.map_err(python_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
         Ok(Self { model, body: Py::new(py, body)? })

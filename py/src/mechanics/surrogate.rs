@@ -10,7 +10,7 @@ use super::{
     arrays::vectors,
     model::{solve, solve_path},
 };
-use crate::error::python_error;
+use crate::{error::python_error, pool::in_pool};
 
 /// Graph network that corrects a linear solution, to approximate fine finite elements in less time.
 ///
@@ -83,12 +83,12 @@ impl LinearPad {
         resolution: usize,
         contact: &str,
     ) -> PyResult<Self> {
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             let CalibratedGel { sensor, moduli, friction } =
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             let contact = contact.parse()?;
             surrogate::LinearPad::new(&sensor, moduli, friction, resolution, contact)
-        });
+        })?;
         let model = model.map_err(python_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
         Ok(Self { model, body: Py::new(py, body)? })
@@ -140,11 +140,11 @@ impl Surrogate {
         poisson: Option<f64>,
         friction: Option<f64>,
     ) -> PyResult<Self> {
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             let CalibratedGel { sensor, moduli, friction } =
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::Surrogate::new(&sensor, moduli, friction)
-        });
+        })?;
         let model = Self::of(py, model.map_err(python_error)?)?;
         warn(py, None, sensor, calibration, poisson)?;
         Ok(model)
@@ -171,11 +171,11 @@ impl Surrogate {
         poisson: Option<f64>,
         friction: Option<f64>,
     ) -> PyResult<Self> {
-        let model = py.detach(|| {
+        let model = in_pool(py, || {
             let CalibratedGel { sensor, moduli, friction } =
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             surrogate::Surrogate::load(&path, &sensor, moduli, friction)
-        });
+        })?;
         let model = Self::of(py, model.map_err(python_error)?)?;
         warn(py, Some(model.card()), sensor, calibration, poisson)?;
         Ok(model)

@@ -1,4 +1,7 @@
-//! Thread pool that solves presses.
+//! Thread pool for whatever runs in parallel, other than the rows of environments.
+//!
+//! Rayon's own pool is started once a process. A forked child takes it for started and waits for
+//! threads that it does not have, so nothing may run in parallel outside of this one.
 
 use std::{
     mem, process,
@@ -9,14 +12,13 @@ use pyo3::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use ruffini_core::interrupt::Interrupt;
 
-use super::arrays::refused;
-use crate::signals::interruptible;
+use crate::{mechanics::arrays::refused, signals::interruptible};
 
 /// Pool, with the id of the process that started it: a forked child has none of its threads.
 static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 
 /// Runs `work` in the pool, without the GIL; Ctrl-C ends it early.
-pub(super) fn in_pool<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+pub(crate) fn in_pool<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     let pool = pool()?;
     interruptible(py, || {
         let interrupt = Interrupt::current();
