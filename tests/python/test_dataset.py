@@ -512,7 +512,10 @@ def test_ctrl_c_ends_a_grasp_that_is_being_solved(tmp_path):
         time.sleep(2.0)
         begun = time.monotonic()
         run.send_signal(signal.SIGINT)
-        _, said = run.communicate()
+        try:
+            _, said = run.communicate(timeout=60)
+        finally:
+            run.kill()
     assert time.monotonic() - begun < 15 and b"KeyboardInterrupt" in said
     assert list((tmp_path / "out/parts").glob("*")) == []
 

@@ -156,6 +156,13 @@ def play(text: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
             exec(compile(block, name, "exec"), names)
 
 
+def test_every_rule_about_commands_is_of_one_that_a_page_has():
+    blocks = [block for page in PAGES for _, block in BLOCK.findall(page.read_text())]
+    there = [command for block in blocks for command in commands(block)]
+    for prefix in (*SHORTER, *PARSED, *LEFT):
+        assert any(command.startswith(prefix) for command in there), prefix
+
+
 def test_every_channel_of_touch_has_its_size_and_its_picture_on_its_page():
     text = (DOCS / "touch.md").read_text()
     rows = re.findall(r"^\| \[`(\w+)`\]\(#\1\) \| (\([\d, ]+\)) \|", text, re.MULTILINE)
@@ -214,12 +221,16 @@ def test_the_code_of_an_environments_page_runs(task, assemble, root, monkeypatch
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: str(file.relative_to(PACKAGE)))
 def test_the_code_of_a_docstring_runs(file, root, monkeypatch):
-    text = ast.get_docstring(ast.parse(file.read_text()))
+    parsed = ast.walk(ast.parse(file.read_text()))
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    found = [ast.get_docstring(node) for node in parsed if isinstance(node, documented)]
+    blocks = [block for text in found if text for block in EXAMPLE.findall(text)]
+    assert blocks
     names = {"ruffini": ruffini, "gymnasium": gym, "np": np}
     names["env"] = gym.make_vec("ruffini/GraspLift-v0", num_envs=2)
     names["observation"], _ = names["env"].reset(seed=0)
     names["episode_start"] = np.ones(2, bool)
-    for block in map(textwrap.dedent, EXAMPLE.findall(text)):
+    for block in map(textwrap.dedent, blocks):
         if block.startswith("ruffini "):
             run(block, monkeypatch)
         else:
