@@ -4,8 +4,9 @@ Use::
 
     python policies/quickstart.py
 
-Prints its success beside those of the scripted and the random policy, and writes the agent and a
-moving picture of it to ``policies/runs/quickstart`` (``--out``). A run of another length than the
+Prints its success beside those of the scripted and the random policy, and writes the agent, a
+moving picture of it and its success with what it was measured on (``result.json``) to
+``policies/runs/quickstart`` (``--out``). A run of another length than the
 default is not judged. Exit status: 0, or 1 if an agent of the default length is worse than the
 lower bound of the worst training seed on record (``policies/study.py``).
 """
@@ -13,6 +14,7 @@ lower bound of the worst training seed on record (``policies/study.py``).
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import sys
 import time
@@ -21,7 +23,7 @@ from pathlib import Path
 from ruffini.agents import RUN, load
 from ruffini.agents.params import params
 from ruffini.agents.training import train
-from ruffini.evaluation import FIRST_SEED, evaluate, line
+from ruffini.evaluation import FIRST_SEED, about_this_run, evaluate, line
 from ruffini.policies import RandomPolicy, scripted
 from ruffini.video import film
 from study import FIRST_TRAINING_SEED, rows_of
@@ -76,6 +78,9 @@ def main() -> int:
     agent.evaluate(arguments.episodes)
     agent.write(folder / "agent.safetensors")
     judged = agent.card["evaluation"]
+    made = {name: agent.card[name] for name in ("seed", "steps", "threads", "evaluation")}
+    made = about_this_run() | {"minutes": round(minutes, 1)} | made
+    (folder / "result.json").write_text(json.dumps(made, indent=1) + "\n")
     print(f"\nsuccess over {arguments.episodes} fixed seeds (95 % interval):")
     print(line(f"agent ({minutes:.1f} min)", judged))
     for name, policy in (("scripted", scripted(ENV_ID)), ("random", RandomPolicy())):

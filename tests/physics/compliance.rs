@@ -107,10 +107,14 @@ fn finite_elements_of_the_linear_law_give_the_same_answer() {
         let error = relative(&found.displacement, &exact.displacement);
         // Both solve the same equations; the contact iteration leaves 1e-5 of its force.
         assert!(error < 1e-4, "{shape:?} μ {friction}: displacements differ by {error:.1e}");
-        let stress: f64 = found.von_mises.iter().zip(&exact.von_mises).map(|(a, b)| a - b).sum();
-        let error = stress / exact.von_mises.iter().sum::<f64>();
-        assert!(error.abs() < 1e-4, "{shape:?} μ {friction}: stresses differ by {error:.1e}");
+        let error = relative(&as_vectors(&found.von_mises), &as_vectors(&exact.von_mises));
+        assert!(error < 1e-4, "{shape:?} μ {friction}: stresses differ by {error:.1e}");
     }
+}
+
+/// Numbers as `relative` takes them.
+fn as_vectors(numbers: &[f64]) -> Vec<Vector3<f64>> {
+    numbers.iter().map(|&number| Vector3::x() * number).collect()
 }
 
 #[test]
@@ -133,8 +137,6 @@ fn what_linear_elasticity_misses_grows_with_the_depth() {
         let press = along(shape.clone(), path);
         let exact = last(truth.solve_path(&press));
         let found = last(model.solve_path(&press));
-        let as_vectors =
-            |stress: &[f64]| stress.iter().map(|s| Vector3::x() * *s).collect::<Vec<_>>();
         let errors = [
             relative(&[found.wrench.force], &[exact.wrench.force]),
             relative(&found.displacement, &exact.displacement),
@@ -544,7 +546,7 @@ fn a_shape_moved_through_the_body_is_not_unfelt() {
         let path = vec![at(radius + 0.1 * MM), at(-5.0 * MM - radius)];
         let press = Press::along(vec![Shape::Sphere { radius }], path).unwrap();
         let end = linear(&block(), 0.0).solve_path(&press).pop().unwrap();
-        let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() == 0.0);
+        let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() < 1e-6);
         assert!(!unfelt, "a ball of {radius} m went through the block without a force");
     }
 }
@@ -563,7 +565,7 @@ fn a_thin_wall_moved_through_the_body_is_not_unfelt() {
             };
             let press = along(ring.clone(), vec![at(2.0 * outer), at(-5.0 * MM - 2.0 * outer)]);
             let end = linear(&block(), 0.05).solve_path(&press).pop().unwrap();
-            let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() == 0.0);
+            let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() < 1e-6);
             assert!(!unfelt, "a ring of {wall} mm at place {i} went through without a force");
         }
     }

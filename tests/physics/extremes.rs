@@ -277,7 +277,7 @@ fn a_tip_is_felt_on_faces_eight_millimetres_wide() {
             };
             let press = Press::along(tip.clone(), vec![at(0.6 * MM), at(-5.3 * MM)]).unwrap();
             let end = fem.solve_path(&press).pop().unwrap();
-            let unfelt = end.as_ref().is_ok_and(|frame| pressing(frame) == 0.0);
+            let unfelt = end.as_ref().is_ok_and(|frame| pressing(frame) < 1e-6);
             assert!(!unfelt, "{element}: went through at place {i} without a force");
         }
     }

@@ -52,16 +52,18 @@ fn first_contact(clearance: f64, tilt: f64, off: f64) -> f64 {
     let peg = object(&model, 1.0, pose);
     let mut scene = Scene::holding(&config, &peg, &place, 20.0, |_| ()).unwrap();
     let mut wrist = scene.state().wrist.pose;
-    loop {
+    for _ in 0..2_000 {
         wrist.translation.vector.z -= 2e-5;
         scene.advance(&wrist, 20.0);
         let state = scene.state();
+        assert!(state.failure.is_none(), "{:?}", state.failure);
         let tip = (state.object.pose * Point3::new(0.0, -0.5 * WIDTH, -HALF)).z;
         assert!(tip > 0.0, "no contact above the table");
         if state.fixture.force.norm() > 0.05 {
             return HEIGHT - tip;
         }
     }
+    panic!("no contact");
 }
 
 #[test]

@@ -162,7 +162,7 @@ fn a_thin_shape_moved_through_the_pad_is_not_unfelt() {
             let at = |z: f64| vec![Isometry3::translation((way - 1.0) * MM, 0.31 * MM, z * MM)];
             let press = Press::along(vec![shape.clone()], vec![at(2.0), at(-8.0)]).unwrap();
             let end = model.settle(&press);
-            let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() == 0.0);
+            let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() < 1e-6);
             assert!(!unfelt, "{shape:?} at place {i} went through without a force");
         }
     }
@@ -202,7 +202,7 @@ fn a_tip_is_not_moved_past_a_wide_face_in_one_load_step() {
         let at = |z: f64| vec![Isometry3::translation(x * MM, 1.8 * MM, z * MM)];
         let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
         let end = model.settle(&Press::along(tip, vec![at(0.6), at(-5.3)]).unwrap());
-        let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() == 0.0);
+        let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() < 1e-6);
         assert!(!unfelt, "at x = {x} mm it went through without a force");
     }
 }

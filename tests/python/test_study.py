@@ -14,8 +14,8 @@ import torch
 
 import quickstart
 import study
-from ruffini import agents
 from ruffini.agents import CHECKPOINT
+from ruffini.agents.params import params
 from ruffini.agents.training import FirstWithoutTouch, train, untouched
 from ruffini.sb3 import make_vec_env
 from study import KINDS, RESULTS, SEEDS, rows_of
@@ -78,8 +78,10 @@ def test_the_page_of_training_says_how_long_the_runs_of_a_study_took(env_id):
 
 
 def test_the_readme_says_what_the_quickstart_prints():
-    found = agents.load(LIFT).card["evaluation"]["success"]
-    assert f"({100 * found:.1f} % here)" in (RESULTS.parents[1] / "README.md").read_text()
+    found = json.loads((RESULTS / "quickstart.json").read_text())
+    assert found["steps"] == params(LIFT).steps and found["evaluation"]["episodes"] == 200
+    success = 100 * found["evaluation"]["success"]
+    assert f"({success:.1f} % here)" in (RESULTS.parents[1] / "README.md").read_text()
 
 
 def test_an_agent_below_the_worst_seed_on_record_is_a_failure():

@@ -272,7 +272,9 @@ mod tests {
             let place = point.place(&nodes.places, &bent);
             (place.z - f(place.x, place.y)).abs()
         };
-        inner.map(off).fold(0.0, f64::max)
+        let off: Vec<_> = inner.map(off).collect();
+        assert!(off.len() > 10 && off.iter().all(|off| off.is_finite()));
+        off.into_iter().fold(0.0, f64::max)
     }
 
     #[test]

@@ -200,8 +200,8 @@ mod tests {
         let near = |name: &str, plain: &Tensor, own: &[f32]| {
             let plain: Vec<f32> = plain.flatten_all().unwrap().to_vec1().unwrap();
             let scale = plain.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
-            let far = plain.iter().zip(own).fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
-            assert!(plain.len() == own.len() && far < 1e-4 * scale, "{name}: {far} of {scale}");
+            let near = plain.iter().zip(own).all(|(a, b)| (a - b).abs() < 1e-4 * scale);
+            assert!(plain.len() == own.len() && near, "{name}: {own:?} and {plain:?}");
         };
         near("displacement", &answer.displacement, &found.displacement);
         near("stress", &answer.stress, &found.stress);

@@ -172,8 +172,8 @@ fn plainly_evaluated_it_answers_the_same() {
     let answer = fast.solve_path(&press(6e-4)).swap_remove(0).unwrap();
     let near = |found: &[f64], oracle: &[f64]| {
         let scale = oracle.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-        let far = found.iter().zip(oracle).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs()));
-        assert!(found.len() == oracle.len() && far < 1e-4 * scale, "{far} of {scale}");
+        let near = found.iter().zip(oracle).all(|(a, b)| (a - b).abs() < 1e-4 * scale);
+        assert!(found.len() == oracle.len() && near, "{found:?} and {oracle:?}");
     };
     let flat = |vectors: &[nalgebra::Vector3<f64>]| -> Vec<f64> {
         vectors.iter().flat_map(|v| [v.x, v.y, v.z]).collect()

@@ -143,9 +143,8 @@ mod tests {
             ] {
                 let plain = numbers(plain);
                 let scale = plain.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
-                let far = plain.iter().zip(own).fold(0.0_f32, |far, (a, b)| far.max((a - b).abs()));
-                assert!(plain.len() == own.len() && scale > 0.0, "{name}: {scale}");
-                assert!(far < 1e-4 * scale, "{name}: {far} of {scale}");
+                let near = plain.iter().zip(own).all(|(a, b)| (a - b).abs() < 1e-4 * scale);
+                assert!(plain.len() == own.len() && near, "{name}: {own:?} and {plain:?}");
             }
         }
     }
