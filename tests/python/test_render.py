@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
 
 import gymnasium as gym
@@ -104,9 +105,11 @@ def test_a_camera_or_a_row_that_is_none_is_refused_without_a_render_mode():
         assert draw() is None and draw("wrist") is None
         with pytest.raises(ValueError, match="found 'wrst', did you mean 'wrist'"):
             draw("wrst")
-    for row in (-1, 3):
-        with pytest.raises(IndexError, match=f"row: found {row}, expected 0 to 2"):
-            envs.picture(row)
+    for row, of_row in itertools.product(
+        (-1, 3, "a", True), (envs.picture, envs.look, envs.surfaces)
+    ):
+        with pytest.raises(IndexError, match=f"row: found {row!r}, expected 0 to 2"):
+            of_row(row)
 
 
 def ink(picture) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from functools import cache
+from inspect import signature
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +14,7 @@ from conftest import MODES, actions, flat
 from fresh import fresh
 from gymnasium.vector import AutoresetMode
 
+from ruffini import _rows
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 ROWS, STEPS = 3, 50
@@ -244,6 +246,29 @@ def test_every_row_has_a_picture():
     frames = envs.render()
     assert [frame.shape for frame in frames] == [(48, 64, 3)] * 2
     assert not np.array_equal(*frames)
+
+
+def test_what_is_of_a_row_is_that_of_the_row_by_any_name():
+    envs = GraspLiftVectorEnv(4, tactile="none", objects=["sphere", "cup", "cuboid"])
+    envs.reset(seed=0)
+    for surfaces, row in zip(envs.call("surfaces"), range(4), strict=True):
+        np.testing.assert_array_equal(surfaces["object"][0], envs.surfaces(row)["object"][0])
+    assert len({len(surfaces["object"][0]) for surfaces in envs.call("surfaces")}) > 1
+    methods = [name for name in dir(envs) if callable(getattr(envs, name)) and name[0] != "_"]
+    of_row = {name for name in methods if "row" in signature(getattr(envs, name)).parameters}
+    # `render` is that of a row.
+    assert of_row - {"picture"} == {"look", "surfaces"} <= set(_rows._METHODS)
+
+
+def test_attributes_are_got_and_set_for_all_rows():
+    envs = GraspLiftVectorEnv(3, tactile="none", render_mode="rgb_array")
+    assert envs.get_attr("render_mode") == ("rgb_array",) * 3
+    envs.set_attr("note", 5)
+    envs.set_attr("note", [6, 6, 6])
+    assert envs.get_attr("note") == (6, 6, 6)
+    for values in ([1, 2, 3], [1, 1]):
+        with pytest.raises(ValueError, match=r"note: found .*, expected one value, which all rows"):
+            envs.set_attr("note", values)
 
 
 def test_an_ended_row_must_be_reset_when_autoreset_is_disabled():

@@ -20,7 +20,7 @@ _Left = dict[str, float]
 _NOWHERE = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Body:
     """A soft body in one frame, in the coordinate frame of its mesh."""
 
@@ -54,7 +54,7 @@ class Body:
         TetMesh(turned(pose, mesh.vertices) + pose[:3], mesh.tets).write(path, fields)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Pad(Body):
     """One pad in one frame, in the frame of the pad."""
 
@@ -66,7 +66,7 @@ class Pad(Body):
     """Pose of the pad in the frame of the object at its start (7,)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Finger:
     """One rigid finger in one frame: a box whose face has its normal along z."""
 
@@ -76,7 +76,7 @@ class Finger:
     """Pose of the middle of its face in the frame of the object at its start (7,)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Frame:
     """One solved frame of a grasp."""
 
@@ -129,7 +129,7 @@ class Frame:
         return files
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PressFrame:
     """One solved frame of an indenter's press."""
 
@@ -157,7 +157,7 @@ class PressFrame:
         return [Path(path)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SoftFrame:
     """One solved frame of a soft object's squeeze."""
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import Batch
+from ruffini._rows import expect_row
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import naming_nearest, to_json
 from ruffini._spaces import ClosedBatch, Renderer, Spaces
@@ -151,8 +152,12 @@ class Native:
         return self._batch.skin()
 
     def look(self, row: int = 0) -> dict[str, Any] | None:
-        """Drawn quantities of a row's episode and poses of its bodies (SI); ``None`` before it."""
-        return self._batch.look(row)
+        """Drawn quantities of a row's episode and poses of its bodies (SI); ``None`` before it.
+
+        Raises:
+            IndexError: If there is no such row.
+        """
+        return self._batch.look(expect_row(row, self._count))
 
     def surfaces(
         self, row: int = 0
@@ -163,8 +168,11 @@ class Native:
         (V, 3) in m, those of objects in their own frames (see `look`), corners of its triangles
         (F, 3), and if it is soft the von Mises stress (V,) in Pa at the vertices, which are those
         of the deformed object.
+
+        Raises:
+            IndexError: If there is no such row.
         """
-        return self._batch.surfaces(row)
+        return self._batch.surfaces(expect_row(row, self._count))
 
     def __getstate__(self) -> dict[str, Any]:
         """Arguments and snapshots; a copy continues from the present state."""

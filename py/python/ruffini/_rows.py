@@ -43,6 +43,18 @@ def chosen(indices: int | Iterable[int] | None, count: int) -> list[int]:
     return rows
 
 
+def expect_row(row: int, count: int) -> int:
+    """Row of a batch of `count`.
+
+    Raises:
+        IndexError: If there is no such row.
+    """
+    whole = isinstance(row, (int, np.integer)) and not isinstance(row, bool)
+    if not (whole and 0 <= row < count):
+        raise IndexError(f"row: found {row!r}, expected 0 to {count - 1}")
+    return int(row)
+
+
 def attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str) -> list[Any]:
     """An attribute of each of `rows`; for a method, a function that calls it for that row.
 
@@ -147,6 +159,10 @@ def _channels(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
     return [envs.channels() for _ in rows]
 
 
+def _surfaces(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
+    return [envs.surfaces(row) for row in rows]
+
+
 def _skin(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
     return [envs.skin() for _ in rows]
 
@@ -160,6 +176,7 @@ _METHODS: dict[str, Callable[..., list[Any]]] = {
     "render": _render,
     "channels": _channels,
     "skin": _skin,
+    "surfaces": _surfaces,
 }
 """Methods of a single environment, as called for rows."""
 

@@ -97,12 +97,14 @@ def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = (
     given = {name: value for name, value in settings.items() if value is not None}
     if isinstance(given.get("objects"), Mapping):
         given["objects"] = [given["objects"]]
-    try:
-        return json.dumps(given | {"task": task}, allow_nan=False, default=plain)
-    except (TypeError, ValueError, RecursionError) as error:
-        found = ", ".join(f"{name}={reprlib.repr(value)}" for name, value in given.items())
-        expected = "finite numbers, names, and lists or mappings of them"
-        raise ValueError(f"settings: found {found}; expected {expected} ({error})") from None
+    for name, value in given.items():
+        try:
+            json.dumps(value, allow_nan=False, default=plain)
+        except (TypeError, ValueError, RecursionError) as error:
+            expected = "finite numbers, names, and lists or mappings of them"
+            found = reprlib.repr(value)
+            raise ValueError(f"{name}: found {found}, expected {expected} ({error})") from None
+    return json.dumps(given | {"task": task}, default=plain)
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

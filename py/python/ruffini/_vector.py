@@ -264,8 +264,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             IndexError: If there is no such row.
             ValueError: If there is no such camera.
         """
-        if not 0 <= row < self.num_envs:
-            raise IndexError(f"row: found {row}, expected 0 to {self.num_envs - 1}")
+        row = _rows.expect_row(row, self.num_envs)
         check_open(self._batch, "picture")
         self._renderer.view(camera)
         return None if self.render_mode is None else self._renderer.draw(self._batch, row, camera)
@@ -293,14 +292,31 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Value of attribute `name`, or result of method `name`, for each row.
 
-        ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are called for each
-        row, ``set_state`` takes one state for all rows or a list with one for each, ``step`` raises
-        an error, and any other method is called once for the batch.
+        ``look``, ``surfaces``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are
+        called for each row, ``set_state`` takes one state for all rows or a list with one for each,
+        ``step`` raises an error, and any other method is called once for the batch.
         """
-        rows = range(self.num_envs)
         if callable(getattr(self, name)):
-            return tuple(_rows.call(self, rows, name, *args, **kwargs))
-        return tuple(_rows.attribute(self, rows, name))
+            return tuple(_rows.call(self, range(self.num_envs), name, *args, **kwargs))
+        return self.get_attr(name)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Value of an attribute for each row; of a method, a function that calls it for the row."""
+        return tuple(_rows.attribute(self, range(self.num_envs), name))
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute, which all rows share.
+
+        Raises:
+            ValueError: If `values` is a list or tuple of other than one equal value for each row.
+        """
+        if isinstance(values, (list, tuple)):
+            if len(values) != self.num_envs or any(value != values[0] for value in values):
+                raise ValueError(
+                    f"{name}: found {values!r}, expected one value, which all rows share"
+                )
+            values = values[0]
+        _rows.set_attribute(self, range(self.num_envs), name, values)
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:

@@ -169,7 +169,9 @@ class _Custom(Native):
     def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
         super()._make(renderer, obs, settings)
         observed = [name for name, _ in self._batch.layout()]
-        read = [name for name in self._task.reads if name not in observed]
+        reads = self._task.reads
+        reads = [reads] if isinstance(reads, str) else reads
+        read = [name for name in reads if name not in observed]
         if read:
             settings["observation"] = [*observed, *read]
             self._batch = self._new_batch()

@@ -195,10 +195,10 @@ class RuffiniVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method for the requested rows, without effect on the others; return the results.
 
-        ``look``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are those of the
-        single environment that a row equals. ``set_state`` takes one state for all rows or a list
-        with one for each. ``step`` raises an error. Any other method, such as ``plan``, is called
-        once for the batch, and its result is returned for every row.
+        ``look``, ``surfaces``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are
+        those of the single environment that a row equals. ``set_state`` takes one state for all
+        rows or a list with one for each. ``step`` raises an error. Any other method, such as
+        ``plan``, is called once for the batch, and its result is returned for every row.
 
         Raises:
             ValueError: If it is ``set_state`` or a method of the whole batch, and only some rows
