@@ -280,7 +280,7 @@ mod tests {
     #[test]
     fn weights_keep_planes_and_nearly_a_ball() {
         let plane = |x: f64, y: f64| 1e-3 + 0.1 * x - 0.3 * y;
-        let ball = |x: f64, y: f64| (4e-3f64.powi(2) * 2.0 - x * x - y * y).sqrt();
+        let ball = |x: f64, y: f64| (8e-3f64.powi(2) - x * x - y * y).sqrt();
         // Rounding of places of a centimetre.
         assert!(distance(Element::P1Bar, plane) < 1e-16);
         let [flat, lifted] = [Element::P1, Element::P1Bar].map(|e| distance(e, ball));
