@@ -41,6 +41,9 @@ def options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--again", nargs="+", metavar="NAME", choices=list(ANSWERERS), help="only these anew"
     )
+    parser.add_argument(
+        "--skip", nargs="+", default=[], metavar="PANEL/NAME", help="presses left out, by name"
+    )
 
 
 def make(options: Namespace) -> dict:
@@ -51,7 +54,10 @@ def make(options: Namespace) -> dict:
     kept = KEPT / options.form / f"truth-{header(TRUTH_OF, {})['commit']}"
     names = asked(options)
     presses = {}
-    for press in pareto_cases.cases(quick, most):
+    known = pareto_cases.cases(quick, most)
+    if unknown := set(options.skip) - set(known):
+        raise SystemExit(f"--skip: found {min(unknown)}, expected some of {', '.join(known)}")
+    for press in [press for press in known if press not in options.skip]:
         if lacking := [name for name in names if pareto_cases.key(press, name) not in rows]:
             presses[press] = (pareto_cases.rows, quick, most, press, lacking, nodes, kept)
     run(rows, presses, jobs=options.jobs)
@@ -63,6 +69,8 @@ def make(options: Namespace) -> dict:
         if ANSWERERS[name].kind != "closed form"
     }
     run(rows, batches, jobs=1)
+    skipped = f"Left out: {', '.join(options.skip)}." if options.skip else ""
+    options.note = " ".join(filter(None, [skipped, options.note]))
     head, found = rows.header | {"note": options.note}, summary(list(rows))
     if options.again:
         before = json.loads((OUT / "pareto.json").read_text())
