@@ -6,9 +6,9 @@ Use::
 
 Prints its success beside those of the scripted and the random policy, and writes the agent, a
 moving picture of it and its success with what it was measured on (``result.json``) to
-``policies/runs/quickstart`` (``--out``). A run of another length than the
-default is not judged. Exit status: 0, or 1 if an agent of the default length is worse than the
-lower bound of the worst training seed on record (``policies/study.py``).
+``policies/runs/quickstart`` (``--out``). A run of another length than the default is not judged.
+Exit status: 0, or 1 if an agent of the default length is worse than the lower bound of the worst
+training seed on record (``policies/study.py``).
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ def main() -> int:
     agent.evaluate(arguments.episodes)
     agent.write(folder / "agent.safetensors")
     judged = agent.card["evaluation"]
-    made = {name: agent.card[name] for name in ("seed", "steps", "threads", "evaluation")}
-    made = about_this_run() | {"minutes": round(minutes, 1)} | made
-    (folder / "result.json").write_text(json.dumps(made, indent=1) + "\n")
+    card = {name: agent.card[name] for name in ("seed", "steps", "threads", "evaluation")}
+    result = about_this_run() | {"minutes": round(minutes, 1)} | card
+    (folder / "result.json").write_text(json.dumps(result, indent=1) + "\n")
     print(f"\nsuccess over {arguments.episodes} fixed seeds (95 % interval):")
     print(line(f"agent ({minutes:.1f} min)", judged))
     for name, policy in (("scripted", scripted(ENV_ID)), ("random", RandomPolicy())):

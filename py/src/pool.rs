@@ -1,7 +1,7 @@
 //! Thread pool for whatever runs in parallel, other than the rows of environments.
 //!
 //! Rayon's own pool is started once a process. A forked child takes it for started and waits for
-//! threads that it does not have, so nothing may run in parallel outside of this one.
+//! threads that it does not have, so nothing may run in parallel in that one.
 
 use std::{
     mem, process,
@@ -19,11 +19,25 @@ static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 
 /// Runs `work` in the pool, without the GIL; Ctrl-C ends it early.
 pub(crate) fn in_pool<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
-    let pool = pool()?;
+    run(py, pool()?.as_ref(), work)
+}
+
+/// Performs [`in_pool`] in a pool that ends afterwards, so that functions of Python that `work`
+/// calls may use the other one, even if it has a single thread.
+pub(crate) fn in_new_pool<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    run(py, &started()?, work)
+}
+
+fn run<T: Send>(py: Python<'_>, pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> PyResult<T> {
     interruptible(py, || {
         let interrupt = Interrupt::current();
         pool.install(|| interrupt.during(work))
     })
+}
+
+fn started() -> PyResult<ThreadPool> {
+    let started = ThreadPoolBuilder::new().build();
+    started.map_err(|error| refused("threads", error, "threads to start"))
 }
 
 /// Pool of this process, started at the first call with one thread per core, or as many as
@@ -34,9 +48,7 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
     match &*pool {
         Some((owner, pool)) if *owner == process::id() => Ok(pool.clone()),
         _ => {
-            let started = ThreadPoolBuilder::new().build();
-            let started = started.map_err(|error| refused("threads", error, "threads to start"))?;
-            let started = Arc::new(started);
+            let started = Arc::new(started()?);
             // A forked child cannot drop the parent's pool: its threads do not exist here and
             // cannot be joined.
             mem::forget(pool.replace((process::id(), started.clone())));

@@ -18,7 +18,10 @@ use ruffini_core::{
 };
 use serde_json::{Value, json};
 
-use crate::{error::python_error, pool::in_pool};
+use crate::{
+    error::python_error,
+    pool::{in_new_pool, in_pool},
+};
 
 /// Trains a network on the dataset in `data` and writes it to the folder `out`; returns its card as
 /// JSON, or `None` if stopped.
@@ -64,7 +67,7 @@ pub(crate) fn train_surrogate(
         let card = request.train((&data, coarser.as_deref()), &out, commit, &now, &mut go_on);
         raised.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(card), Err)
     };
-    in_pool(py, work)??.map_err(python_error)
+    in_new_pool(py, work)??.map_err(python_error)
 }
 
 /// Requested training run.

@@ -1,9 +1,11 @@
-"""Calls in an interpreter of their own."""
+"""Calls in an interpreter of their own, and code that Ctrl-C ends."""
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +18,33 @@ def fresh(call: Callable[..., bytes], *arguments: object) -> bytes:
     """
     module, name = call.__module__, call.__name__
     code = f"import sys, {module}; sys.stdout.buffer.write({module}.{name}(*{arguments!r}))"
-    line = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", code]
+    # Python warns of a fork where there are threads by a DeprecationWarning.
+    strict = ["-W", "error", "-W", "ignore::DeprecationWarning"]
+    line = [sys.executable, *strict, "-c", code]
     done = subprocess.run(line, capture_output=True, cwd=Path(__file__).parent, timeout=300)
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout
+
+
+def interrupted(code: str) -> tuple[float, bytes]:
+    """Time (s) in which code ends that is interrupted two seconds after it has printed a line.
+
+    With what it says on standard error.
+    """
+    line = [sys.executable, "-u", "-c", code]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(line, **pipes, preexec_fn=_heed) as run:
+        try:
+            run.stdout.readline()
+            time.sleep(2.0)
+            begun = time.monotonic()
+            run.send_signal(signal.SIGINT)
+            _, said = run.communicate(timeout=60)
+        finally:
+            run.kill()
+    return time.monotonic() - begun, said
+
+
+def _heed() -> None:
+    """A background job starts with the signal ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -166,7 +166,7 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
         ({"physics": {"time_step": 0.003}}, ["physics.time_step", "whole number of steps"]),
         ({"physics": {"iterations": 3}}, ["physics.iterations", "3", "4 or more"]),
         ({"reward_weights": {"reach": -1}}, ["reward", "-1", "0 to 1e6"]),
-        ({"mass": math.nan}, ["mass", "nan", "finite numbers"]),
+        ({"size": 1.0, "mass": math.nan}, ["mass: found nan", "finite numbers"]),
         ({"obs": "image"}, ["obs", "image", "'dict' or 'flat'"]),
         ({"nonsense": 1}, ["nonsense", "mass"]),
         ({"width": 5}, ["width", "5", "16 to 4096"]),

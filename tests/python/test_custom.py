@@ -52,6 +52,19 @@ def lifting(envs, steps: int):
         yield action if step % 4 else np.clip(action + 0.3 * noise, -1, 1)
 
 
+def test_a_single_channel_that_rules_read_may_be_given_by_its_name():
+    class Heavy(Low):
+        reads = "properties"
+
+        def is_success(self, state):
+            return state.part("properties", "mass") > 0
+
+    envs = CustomVectorEnv(Heavy, 2)
+    envs.reset(seed=0)
+    *_, info = envs.step(np.zeros((2, 5)))
+    assert info["is_success"].all() and "properties" not in envs.observation_space.spaces
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_rules_in_python_pay_what_the_native_ones_pay(mode):
     about = {"autoreset_mode": mode, "max_episode_steps": 70}

@@ -10,13 +10,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fresh import interrupted
 from tiny_dataset import TINY
 
 import ruffini
@@ -505,18 +505,8 @@ def test_ctrl_c_ends_a_grasp_that_is_being_solved(tmp_path):
         f"grasps=1, frames=40, truth_nodes=2500, truth_element='p2', model_nodes=200, "
         "watch=lambda now: print(now) is None)"
     )
-    line = [sys.executable, "-u", "-c", code]
-    restored = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.default_int_handler)}
-    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **restored) as run:
-        run.stdout.readline()
-        time.sleep(2.0)
-        begun = time.monotonic()
-        run.send_signal(signal.SIGINT)
-        try:
-            _, said = run.communicate(timeout=60)
-        finally:
-            run.kill()
-    assert time.monotonic() - begun < 15 and b"KeyboardInterrupt" in said
+    seconds, said = interrupted(code)
+    assert seconds < 15 and b"KeyboardInterrupt" in said
     assert list((tmp_path / "out/parts").glob("*")) == []
 
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
+from fresh import fresh
 
 from ruffini import LinearPad, Press, PressError, Shape, Surrogate, dataset, surrogate
 from ruffini._core import solve_press
 from ruffini.commands import main
 
-pytest.importorskip("safetensors")
+load_file = pytest.importorskip("safetensors.numpy").load_file
 
 GEL = {"sensor": "gelsight-mini", "young": 3e5, "poisson": 0.47, "friction": 1.0, "share": 1.0}
 PRESSES = {
@@ -167,6 +171,11 @@ def test_the_same_configuration_gives_the_same_bytes(data, tmp_path):
         assert same["sha256"] == shard["sha256"]
 
 
+def test_frames_are_compared_as_objects(data):
+    frame = data[0]
+    assert frame in [data[1], frame] and frame not in [data[1]] and len({frame, data[1]}) == 2
+
+
 def test_splits_are_by_indenter(data):
     split = data.splits["presses"]
     parts = [{name.split("/")[0] for name in split[part]} for part in split]
@@ -225,6 +234,37 @@ def test_a_network_learns_from_solutions_of_two_fidelities(data, tmp_path, capsy
     command = ["network", "train", str(data.path), str(tmp_path / "soft"), "--variant", "soft"]
     assert main([*command, "--coarser", str(data.path)]) == 2
     assert "coarser: found a dataset" in capsys.readouterr().err
+
+
+def training(path: str, out: str) -> bytes:
+    """Weights of a run that is watched by a model of its own."""
+
+    def watch(*_: object) -> bool:
+        press = Press(Shape.sphere(4e-3), [((0, 0, 3.9e-3), (0, 0, 0, 1))])
+        [solved] = pad.solve([press])
+        return bool(solved.wrench[2] < 0)
+
+    pad = LinearPad()
+    options = {"epochs": 1, "linear_nodes": 700, "network": {"width": 8}}
+    assert surrogate.train(path, out, watch=watch, **options) is not None
+    weights = load_file(Path(out, "weights.safetensors"))
+    return b"".join(weights[name].tobytes() for name in sorted(weights))
+
+
+def trainings(path: str, out: str) -> bytes:
+    """Weights of a run of this process, and of one of a worker that is forked after it."""
+    mine = training(path, f"{out}/mine")
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
+        return mine + pool.submit(training, path, f"{out}/theirs").result()
+
+
+def test_a_forked_worker_trains_after_its_parent_and_both_may_solve_meanwhile(
+    data, tmp_path, monkeypatch
+):
+    # With a single thread, whatever waits for another waits for ever.
+    monkeypatch.setenv("RAYON_NUM_THREADS", "1")
+    both = fresh(trainings, str(data.path), str(tmp_path))
+    assert len(both) > 1000 and both[: len(both) // 2] == both[len(both) // 2 :]
 
 
 def test_wrong_settings_are_named(tmp_path):

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
-import subprocess
-import sys
 import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -13,7 +10,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 import numpy as np
 import pytest
 from bodies import BALL, ball_at, gel
-from fresh import fresh
+from fresh import fresh, interrupted
 
 from ruffini import Compliance, Fem, LinearPad, Press, Surrogate
 
@@ -52,24 +49,8 @@ def test_ctrl_c_ends_a_solve():
     )
     solves = [code.replace("SOLVE", s) for s in ("solve([press, press])", "solve_path(press)")]
     for solve in (*solves, step):
-        command = [sys.executable, "-u", "-c", solve]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        with subprocess.Popen(command, **pipes, preexec_fn=heeding) as run:
-            run.stdout.readline()
-            time.sleep(2.0)
-            begun = time.monotonic()
-            run.send_signal(signal.SIGINT)
-            try:
-                _, said = run.communicate(timeout=60)
-            finally:
-                run.kill()
-        assert b"KeyboardInterrupt" in said
-        assert time.monotonic() - begun < 10, solve
-
-
-def heeding() -> None:
-    """A background job starts with the signal ignored."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+        seconds, said = interrupted(solve)
+        assert b"KeyboardInterrupt" in said and seconds < 10, solve
 
 
 @pytest.mark.parametrize("name", MODELS)

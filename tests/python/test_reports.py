@@ -224,6 +224,14 @@ def test_a_front_leaves_out_what_is_measurably_beaten():
     assert pareto.front(found, "force") == expected
 
 
+def test_a_press_to_leave_out_is_one_of_those_asked():
+    pareto = module("pareto")
+    parser = command.parser_of(pareto, "pareto")
+    chosen = parser.parse_args(["--quick", "--skip", "deep/ball 99 mm"], Namespace(form="quick"))
+    with pytest.raises(SystemExit, match="--skip: found deep/ball 99 mm, expected some of unseen/"):
+        pareto.make(chosen)
+
+
 def test_every_answerer_is_in_the_picture():
     pareto = module("pareto")
     drawn = {name for series in pareto.SERIES.values() for name in series.members}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ruffini._spaces import Camera, check_options
+from ruffini._spaces import Camera, check_options, is_whole
 
 if TYPE_CHECKING:
     from ruffini._vector import NativeVectorEnv
@@ -34,8 +34,7 @@ def chosen(indices: int | Iterable[int] | None, count: int) -> list[int]:
         return list(range(count))
     given = [indices] if isinstance(indices, (int, np.integer)) else list(indices)
     for row in given:
-        whole = isinstance(row, (int, np.integer)) and not isinstance(row, bool)
-        if not (whole and -count <= row < count):
+        if not (is_whole(row) and -count <= row < count):
             raise ValueError(f"indices: found {row!r}, expected rows from {-count} to {count - 1}")
     rows = [int(row) % count for row in given]
     if len(set(rows)) != len(rows):
@@ -49,8 +48,7 @@ def expect_row(row: int, count: int) -> int:
     Raises:
         IndexError: If there is no such row.
     """
-    whole = isinstance(row, (int, np.integer)) and not isinstance(row, bool)
-    if not (whole and 0 <= row < count):
+    if not (is_whole(row) and 0 <= row < count):
         raise IndexError(f"row: found {row!r}, expected 0 to {count - 1}")
     return int(row)
 

@@ -173,18 +173,21 @@ def _point(name: str, value: Any) -> list[float]:
     return [float(x) for x in point]
 
 
+def is_whole(number: Any) -> bool:
+    """Returns whether it is a whole number of Python or NumPy."""
+    return isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+
+
 def check_count(name: str, count: Any, most: int = MOST_ENVIRONMENTS) -> None:
     """Raise a ``ValueError`` unless `count` is a whole number from 1 to `most`."""
-    whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if not (whole and 1 <= count <= most):
+    if not (is_whole(count) and 1 <= count <= most):
         expected = f"a whole number from 1 to {most}"
         raise ValueError(f"{name}: found {count!r}, expected {expected}")
 
 
 def check_seed(seed: Any) -> None:
     """Raise a ``ValueError`` unless `seed` is a whole number with room for a seed per row."""
-    whole = isinstance(seed, (int, np.integer)) and not isinstance(seed, bool)
-    if not (whole and 0 <= seed < 2**63):
+    if not (is_whole(seed) and 0 <= seed < 2**63):
         raise ValueError(f"seed: found {seed!r}, expected a whole number from 0 below 2**63")
 
 
