@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import multiprocessing
 import statistics
+import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import reduce
 from itertools import islice
@@ -41,6 +42,7 @@ FIGURES = {
     "10⁸ steps, 64 cores (h)": ("hours / 64", ".2f", 1),
     "10⁸ steps, 1,000 cores (h)": ("hours / 1000", ".3f", 1),
     "half of the cores predict all of them, error": ("check / error_processes", ".1f", 100),
+    "making the first environment (CPU s)": ("seconds_to_make", ".2f", 1),
     "memory of a process (MB)": ("megabytes_of_a_process", ".0f", 1),
     "memory of an environment (kB)": ("kilobytes_per_environment", ".0f", 1),
 }
@@ -85,6 +87,7 @@ def measured(model: str, n: int, sizes: list[int], repeats: int) -> dict[str, An
     found = {
         "threads": rates,
         "processes": {str(count): round(rate, 1) for count, rate in of_processes.items()},
+        "seconds_to_make": round(processes[1]["make"], 3),
         "kilobytes_per_environment": round(processes[1]["per_environment"] / 1e3, 1),
         "megabytes_of_a_process": round(processes[1]["whole"] / 1e6, 1),
     }
@@ -161,7 +164,7 @@ _barrier: Any = None
 
 
 def together(count: int, n: int, model: str, repeats: int) -> dict[str, float]:
-    """Steps per second of processes that step at once, of all of them; bytes of one of them."""
+    """Steps per second of processes that step at once, of all; what one takes otherwise."""
     context = multiprocessing.get_context("spawn")
     barrier = context.Barrier(count)
     with ProcessPoolExecutor(count, context, _meet, (barrier,)) as pool:
@@ -178,13 +181,16 @@ def _meet(barrier: Any) -> None:
 
 
 def alone(n: int, model: str, repeats: int) -> dict[str, Any]:
-    """Rates of this process beside the others, and its memory.
+    """Rates of this process beside the others, what its first environment takes, its memory.
 
     Raises:
         BrokenBarrierError: If the others failed, or took longer than `LONGEST`.
     """
     try:
-        prepare(make(1, 1, tactile=model), 1)  # What all environments share.
+        begun = time.process_time()
+        first = make(1, 1, tactile=model)  # With what all environments share.
+        making = time.process_time() - begun
+        prepare(first, 1)
         each = memory_per_environment(n, tactile=model)
         envs = make(n, 1, tactile=model)
         prepare(envs, n)
@@ -195,4 +201,4 @@ def alone(n: int, model: str, repeats: int) -> dict[str, Any]:
     except BaseException:
         _barrier.abort()
         raise
-    return {"rates": rates, "per_environment": each, "whole": resident_bytes()}
+    return {"rates": rates, "make": making, "per_environment": each, "whole": resident_bytes()}

@@ -12,6 +12,7 @@ mod simd;
 mod responses;
 pub mod error;
 pub mod interrupt;
+mod recent;
 pub mod tensor_file;
 pub mod geometry;
 pub mod sensor;

@@ -9,7 +9,10 @@ use ruffini_core::{
     Error, Result,
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
     contact::is_engulfed,
-    deformation::{Deformation, DeformationModel, History, Law, Moduli, Press, SoftBody},
+    deformation::{
+        Deformation, DeformationModel, History, Law, ModelIdentity, Moduli, Numbering, Press,
+        SoftBody,
+    },
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, Shape, TetMesh},
     sensor::Sensor,
@@ -364,6 +367,7 @@ fn a_thin_wall_is_refused_only_where_it_comes_near_a_wide_face() {
 /// History of a ring that stood `x` aside of the middle of `body`.
 fn moved_by(x: f64, body: &SoftBody) -> History {
     History {
+        model: ModelIdentity::new(Numbering::Vertices, body, &body.mesh().vertices),
         displacement: vec![Vector3::zeros(); body.mesh().vertices.len()],
         poses: vec![Isometry3::translation(x, 0.0, 2.0 * MM)],
         anchors: vec![],

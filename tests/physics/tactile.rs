@@ -7,8 +7,8 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use ruffini_core::{
     compliance::{Compliance, ComplianceOptions, nodal::ContactResolution},
     deformation::{
-        Deformation, DeformationModel, History, Law, Moduli, PredictedError, Press, SoftBody,
-        Wrench,
+        Deformation, DeformationModel, History, Law, ModelIdentity, Moduli, Numbering,
+        PredictedError, Press, SoftBody, Wrench,
     },
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, PadOutline, Shape},
@@ -69,6 +69,7 @@ fn displaced(body: &SoftBody, u: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Defor
         sliding: 0.0,
         poses: vec![],
         history: History {
+            model: ModelIdentity::new(Numbering::Vertices, body, &body.mesh().vertices),
             displacement: vec![],
             poses: vec![],
             anchors: vec![],

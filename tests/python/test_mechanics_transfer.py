@@ -68,7 +68,7 @@ def test_an_answer_is_carried_as_its_element_knows_it(element):
 
 def test_a_history_of_another_model_is_not_carried():
     (answer,) = Fem(gel(2)).solve(Press(BALL, [ball_at(0.0, 4e-4)]))
-    with pytest.raises(ValueError, match=r"history: found \d+, expected .* nodes"):
+    with pytest.raises(ValueError, match=r"history: found one of a model with \d+ nodes"):
         Fem(gel(3)).carry(answer.history, block(2))
 
 

@@ -15,7 +15,7 @@ use super::cache::Stored;
 use crate::{
     Result,
     contact::{Backing, SurfacePoint},
-    deformation::{Press, SoftBody},
+    deformation::{ModelIdentity, Numbering, Press, SoftBody},
     fem::{Linearised, held_all_round},
     simd::vectorised,
 };
@@ -27,6 +27,7 @@ pub(super) const INSIDE: u32 = u32::MAX;
 #[derive(Clone)]
 pub(super) struct Condensed {
     pub(super) body: SoftBody,
+    pub(super) identity: ModelIdentity,
     pub(super) rest: Arc<Linearised>,
     /// Rank of each node among the skin nodes, or [`INSIDE`] (V).
     pub(super) rank: Arc<[u32]>,
@@ -90,7 +91,8 @@ impl Condensed {
         let facets = facets(&surface, rest.places()).into();
         let (rank, skin, surface) = (rank.into(), skin.into(), surface.into());
         let (rest, compliance, backing) = (Arc::new(rest), Arc::new(compliance), Arc::new(backing));
-        Ok(Self { body, rest, rank, skin, compliance, surface, backing, facets })
+        let identity = ModelIdentity::new(Numbering::Vertices, &body, rest.places());
+        Ok(Self { body, identity, rest, rank, skin, compliance, surface, backing, facets })
     }
 
     /// Returns the body with contact points as close together as the thin shapes of `press`

@@ -154,7 +154,8 @@ impl<'a> LoadStepping<'a> {
     /// Restores the state of a `history`; returns an error if it is of another model.
     fn recall(&mut self, history: &History) -> Result<()> {
         let rest = &self.condensed.rest;
-        history.check(rest.places().len(), self.condensed.surface.len())?;
+        let points = self.condensed.surface.len();
+        history.check(&self.condensed.identity, rest.places().len(), points)?;
         self.state.field.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.state.anchors.clone_from(&history.anchors);

@@ -103,6 +103,7 @@ impl LoadStepping<'_> {
         let state = &self.state;
         let displacement = state.field.complete(&self.condensed.rest, &mut self.scratch.workspace);
         let history = History {
+            model: self.condensed.identity,
             displacement,
             poses: state.poses.clone(),
             anchors: state.anchors.clone(),

@@ -53,11 +53,10 @@ impl PressedPad {
         let contact = || -> Result<_> {
             let moduli = gel.moduli();
             let body = SoftBody::new(model.mesh.clone(), Law::Linear, moduli, &model.base)?;
-            let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
-            let compliance = Compliance::new(body, options)?;
+            let compliance = Compliance::new(body, ComplianceOptions::default())?;
             let sides = Sides::new(&sensor.outline, moduli, Sides::VERTICES)?;
-            let fine = ContactResolution::FINE;
-            LayeredPad::new(&compliance, &sensor.outline, &model, fine, &sides)
+            let layered = LayeredPad::new(&compliance, &sensor.outline, &model, &sides)?;
+            layered.with(gel.friction, ContactResolution::FINE)
         };
         let contact = fine.then(contact).transpose()?;
         Ok(Self { sensor, model, contact })

@@ -3,6 +3,7 @@
 use std::{fmt, str::FromStr, sync::Arc};
 
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, Result,
@@ -13,7 +14,7 @@ use crate::{
 /// Stress–strain law of an isotropic solid, given by its energy density ψ; J is the determinant of
 /// the deformation gradient F and I₁ the trace of `FᵀF`.
 #[non_exhaustive]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum Law {
     /// ψ = μ/2 (I₁ − 3) − μ ln J + λ/2 (ln J)² (Bonet and Wood 2008, eq. 6.28).
     #[default]

@@ -1,13 +1,18 @@
 //! State in which a press ends, and its serialisation.
 
+use std::fmt;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::body::{Law, Moduli, SoftBody};
 use crate::{Error, Result};
 
 /// State in which a press ended; the next press of the same body and shapes may start from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct History {
+    /// Model that wrote it.
+    pub model: ModelIdentity,
     /// Displacement of the nodes of the model that wrote it (m); the mesh's nodes come first.
     pub displacement: Vec<Vector3<f64>>,
     /// Poses of the shapes (S).
@@ -31,13 +36,101 @@ pub struct Anchor {
     pub place: Point3<f64>,
 }
 
+/// Identity of a model and of the numbering of its nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelIdentity {
+    numbering: Numbering,
+    law: Law,
+    nodes: u32,
+    /// Fixed nodes.
+    fixed: u32,
+    /// Mean distance of the nodes at rest from [`AWAY`], weighted by their numbers (m).
+    place: f64,
+    /// Mean Young's modulus (Pa) and Poisson's ratio of the tetrahedra.
+    moduli: [f64; 2],
+}
+
+/// What the nodes and contact points of a model are, and so their numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Numbering {
+    /// Nodes are the vertices of the mesh: of linear elements, and of linear elasticity, which have
+    /// the same contact points and can continue from each other's histories.
+    Vertices,
+    /// Vertices, then the middles of the edges, of quadratic elements.
+    VerticesAndEdges,
+    /// Contact is on the cells of grids.
+    Cells,
+}
+
+/// Point (m) at which no mesh has a centre of symmetry.
+const AWAY: Point3<f64> = Point3::new(0.1, 0.2, 0.3);
+/// Relative difference of numbers that other machines may compute otherwise.
+const ROUNDING: f64 = 1e-9;
+
 /// First bytes of a serialised history; the last character counts versions.
-const MARK: [u8; 8] = *b"history3";
+const MARK: [u8; 8] = *b"history4";
+
+impl ModelIdentity {
+    /// Identity of a model of `body` with nodes at these `places` at rest (m).
+    pub fn new(numbering: Numbering, body: &SoftBody, places: &[Point3<f64>]) -> Self {
+        let weighted = (1..).zip(places).fold([0.0; 2], |[sum, weights], (number, place)| {
+            let weight = f64::from(number);
+            [sum + weight * (place - AWAY).norm(), weights + weight]
+        });
+        let tets = body.moduli().len() as f64;
+        let mean =
+            |number: fn(&Moduli) -> f64| body.moduli().iter().map(number).sum::<f64>() / tets;
+        Self {
+            numbering,
+            law: body.law(),
+            nodes: places.len() as u32,
+            fixed: body.fixed().len() as u32,
+            place: weighted[0] / weighted[1],
+            moduli: [mean(|moduli| moduli.young), mean(|moduli| moduli.poisson)],
+        }
+    }
+
+    /// Identity of a model of the same body with other nodes or contact points.
+    #[must_use]
+    pub fn with_numbering(self, numbering: Numbering) -> Self {
+        Self { numbering, ..self }
+    }
+
+    fn is(&self, other: &Self) -> bool {
+        let is_near = |a: f64, b: f64| (a - b).abs() <= ROUNDING * a.abs();
+        (self.numbering, self.law, self.nodes, self.fixed)
+            == (other.numbering, other.law, other.nodes, other.fixed)
+            && is_near(self.place, other.place)
+            && self.moduli.iter().zip(other.moduli).all(|(a, b)| is_near(*a, b))
+    }
+}
+
+impl fmt::Display for ModelIdentity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { nodes, fixed, place, moduli: [young, poisson], law, .. } = self;
+        let numbering = match self.numbering {
+            Numbering::Vertices => "at the vertices",
+            Numbering::VerticesAndEdges => "of quadratic elements",
+            Numbering::Cells => "under contact on cells",
+        };
+        write!(
+            f,
+            "{nodes} nodes {numbering} ({fixed} fixed, {:.6} mm from a point) of a {law} solid of \
+             {young:.3e} Pa and a Poisson's ratio of {poisson:.4}",
+            1e3 * place
+        )
+    }
+}
 
 impl History {
-    /// Returns an error if the history was not written by a model of `nodes` nodes and `points`
-    /// contact points.
-    pub fn check(&self, nodes: usize, points: usize) -> Result<()> {
+    /// Returns an error if the history was not written by this `model`, of `nodes` nodes with
+    /// displacement and `points` contact points.
+    pub fn check(&self, model: &ModelIdentity, nodes: usize, points: usize) -> Result<()> {
+        if !self.model.is(model) {
+            let [found, expected] =
+                [&self.model, model].map(|model| format!("one of a model with {model}"));
+            return Err(Error::invalid("history", found, expected));
+        }
         if self.displacement.len() != nodes {
             let expected = format!("displacements of this model's {nodes} nodes");
             return Err(Error::invalid("history", self.displacement.len(), expected));
@@ -92,11 +185,28 @@ impl History {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+    use crate::geometry::{PadMesh, PadOutline};
+
+    fn body(young: f64) -> SoftBody {
+        let pad = PadMesh::with_nodes(&PadOutline::flat(20e-3, 16e-3, 4e-3), 100).unwrap();
+        let moduli = Moduli { young, poisson: 0.47 };
+        SoftBody::new(pad.mesh, Law::default(), moduli, &pad.base).unwrap()
+    }
+
+    fn identity(body: &SoftBody) -> ModelIdentity {
+        ModelIdentity::new(Numbering::Vertices, body, &body.mesh().vertices)
+    }
+
+    /// Identity of a model that no other test has.
+    pub(crate) fn foreign() -> ModelIdentity {
+        identity(&body(1e5))
+    }
 
     fn history() -> History {
         History {
+            model: foreign(),
             displacement: vec![Vector3::new(1e-3, -0.0, 1.0 / 3.0); 2],
             poses: vec![Isometry3::rotation(Vector3::new(0.1, 0.2, 0.3))],
             anchors: vec![Anchor { shape: 0, point: 7, place: Point3::new(0.0, 1e-9, 2.0) }],
@@ -129,6 +239,30 @@ mod tests {
         assert_eq!(after.anchors, [anchor(1, 3), anchor(2, 5)]);
         assert_eq!(after.forces, [Vector3::x(), Vector3::z()]);
         assert_eq!(after.displacement, before.displacement);
+    }
+
+    #[test]
+    fn a_model_takes_histories_of_its_body_and_numbering_alone() {
+        let (history, own) = (history(), body(1e5));
+        let check = |model: &ModelIdentity| history.check(model, 2, 8);
+        let mine = identity(&own);
+        assert_eq!(check(&mine), Ok(()));
+        let places = &own.mesh().vertices;
+        let mut moved = places.clone();
+        moved[7].x += 1e-6;
+        let mut swapped = places.clone();
+        swapped.swap(3, 4);
+        let mirrored: Vec<_> = places.iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
+        for other in [&moved, &swapped, &mirrored, &places[1..].to_vec()] {
+            assert!(check(&ModelIdentity::new(Numbering::Vertices, &own, other)).is_err());
+        }
+        assert!(check(&mine.with_numbering(Numbering::Cells)).is_err());
+        let message = check(&identity(&body(2e5))).unwrap_err().to_string();
+        assert!(message.contains("1.000e5 Pa") && message.contains("2.000e5 Pa"), "{message}");
+        // Another machine may round otherwise.
+        let mut rounded = places.clone();
+        rounded.iter_mut().for_each(|place| place.z *= 1.0 + f64::EPSILON);
+        assert_eq!(check(&ModelIdentity::new(Numbering::Vertices, &own, &rounded)), Ok(()));
     }
 
     #[test]

@@ -7,12 +7,12 @@
 //! Shapes: V nodes of the mesh, T tetrahedra, S rigid shapes, F frames of a path.
 
 mod body;
-mod history;
+pub(crate) mod history;
 mod load_steps;
 mod press;
 
 pub use body::{Law, Moduli, SoftBody};
-pub use history::{Anchor, History};
+pub use history::{Anchor, History, ModelIdentity, Numbering};
 pub(crate) use load_steps::{
     FrameDrive, NextStep, solve_frames, solve_in_parallel, solve_in_steps,
 };

@@ -346,7 +346,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::deformation::Anchor;
+    use crate::deformation::{Anchor, history::tests::foreign};
 
     fn ball() -> Vec<Shape> {
         vec![Shape::Sphere { radius: 0.004 }]
@@ -374,6 +374,7 @@ mod tests {
         let press = Press::along(ball(), vec![vec![here]]).unwrap();
         let anchor = Anchor { shape: 1, point: 0, place: Point3::origin() };
         let history = |poses: usize, anchors: Vec<Anchor>| History {
+            model: foreign(),
             displacement: vec![Vector3::zeros(); 4],
             poses: vec![here; poses],
             anchors,

@@ -112,7 +112,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        deformation::{DeformationModel, History},
+        deformation::{DeformationModel, History, history::tests::foreign},
         geometry::Shape,
         tactile::{Choice, Resolution, TactileConfig, TactilePad},
     };
@@ -134,8 +134,14 @@ mod tests {
         // A history that fits no body.
         let displacement = vec![Vector3::zeros(); 3];
         let poses = at(-1e-3);
-        let history =
-            History { displacement, poses, anchors: Vec::new(), forces: Vec::new(), folded: false };
+        let history = History {
+            model: foreign(),
+            displacement,
+            poses,
+            anchors: Vec::new(),
+            forces: Vec::new(),
+            folded: false,
+        };
         let asked = [press.clone(), press.after(history).unwrap()];
         let [straight, lost] =
             answers(&model, &[0, 0], &asked, Wanted::default(), None).try_into().ok().unwrap();

@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::{Row, Setup};
 use crate::{Error, Result, task::TaskConfig};
 
-const MARK: [u8; 8] = *b"ruffini4";
+const MARK: [u8; 8] = *b"ruffini5";
 const HEADER: usize = 24;
 
 /// First bytes of the SHA-256 of the settings without the time limit, which does not change the

@@ -105,7 +105,8 @@ impl<'a> PressSolver<'a> {
             self.state.poses = backed_off(press.shapes(), first, surface, &places, self.mesh);
             return Ok(());
         };
-        history.check(self.state.displacement.len(), surface.len())?;
+        let nodes = self.state.displacement.len();
+        history.check(&self.system.identity, nodes, surface.len())?;
         self.state.displacement.clone_from(&history.displacement);
         self.state.poses.clone_from(&history.poses);
         self.anchors.clone_from(&history.anchors);
@@ -225,6 +226,7 @@ impl<'a> PressSolver<'a> {
         contact_force.truncate(vertices);
         let displacement = &self.state.displacement;
         let history = History {
+            model: system.identity,
             displacement: displacement.clone(),
             poses: self.state.poses.clone(),
             anchors: self.anchors.clone(),

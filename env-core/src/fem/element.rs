@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::patches::{edges, patches};
 use crate::{
     Error, Result,
-    deformation::{Moduli, SoftBody},
+    deformation::{Moduli, Numbering, SoftBody},
     geometry::{EDGES, TetMesh},
 };
 
@@ -24,6 +24,15 @@ pub enum Element {
     P1Bar,
     /// Quadratic tetrahedron with straight edges at rest, used as the reference.
     P2,
+}
+
+impl From<Element> for Numbering {
+    fn from(element: Element) -> Self {
+        match element {
+            Element::P1 | Element::P1Bar => Self::Vertices,
+            Element::P2 => Self::VerticesAndEdges,
+        }
+    }
 }
 
 impl Element {

@@ -160,15 +160,14 @@ impl Fem {
     /// Returns the fields of a solution with this `history` on another mesh of the body, or an
     /// error if the history is of another model or the mesh of another body.
     pub fn carry(&self, history: &History, to: &TetMesh) -> Result<Carried> {
-        // A press of a thin shape has its own contact points, so their number is not limited here.
-        history.check(self.system.nodes.places.len(), usize::MAX)?;
+        self.check_history(history)?;
         Ok(Carrier::new(self, to)?.fields(&history.displacement))
     }
 
     /// Returns the Cauchy stress of a solution with this `history`, volume average over each
     /// tetrahedron (T) in Pa, or an error if the history is of another model.
     pub fn stress(&self, history: &History) -> Result<Vec<Matrix3<f64>>> {
-        history.check(self.system.nodes.places.len(), usize::MAX)?;
+        self.check_history(history)?;
         Ok(self.system.solid.cauchy(&history.displacement))
     }
 
@@ -180,6 +179,12 @@ impl Fem {
             Ok(system) => PressSolver::new(&system, self.body.mesh(), self.limits).frames(press),
             Err(error) => vec![Err(error)],
         }
+    }
+
+    /// Refuses a history of another model.
+    fn check_history(&self, history: &History) -> Result<()> {
+        // A press of a thin shape has its own contact points, so their number is not limited here.
+        history.check(&self.system.identity, self.system.nodes.places.len(), usize::MAX)
     }
 
     /// Refuses a push whose force is not above the tolerance of the residual force.

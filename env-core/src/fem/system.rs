@@ -17,7 +17,7 @@ use super::{
 use crate::{
     Result,
     contact::{Backing, ContactLaw, ContactStep, SurfacePoint, Touch},
-    deformation::{Press, SoftBody},
+    deformation::{ModelIdentity, Press, SoftBody},
     geometry::Shape,
 };
 
@@ -30,6 +30,7 @@ pub(super) struct System {
     /// The pattern with contact anywhere, computed on first use.
     whole: Arc<OnceLock<(Arc<Pattern>, Arc<AssemblyMap>)>>,
     pub(super) element: Element,
+    pub(super) identity: ModelIdentity,
     pub(super) surface: Arc<[SurfacePoint]>,
     /// The held faces, which no shape may enter.
     pub(super) backing: Arc<Backing>,
@@ -97,6 +98,7 @@ impl System {
         let faces = Faces::new(body, USUAL);
         let (surface, backing) = surface(body, &nodes, element, faces.usual);
         let (surface, backing) = (surface.into(), backing.into());
+        let identity = ModelIdentity::new(element.into(), body, &nodes.places);
         let floating = body.fixed().len() < 3;
         let [low, high] = [Vector3::inf, Vector3::sup].map(|edge: fn(&Vector3<f64>, &_) -> _| {
             let places = body.mesh().vertices.iter().map(|place| place.coords);
@@ -104,7 +106,19 @@ impl System {
         });
         let thinnest = (high - low).min();
         let (nodes, faces, whole) = (Arc::new(nodes), Arc::new(faces), Arc::default());
-        Self { nodes, solid, whole, element, surface, backing, faces, law, floating, thinnest }
+        Self {
+            nodes,
+            solid,
+            whole,
+            element,
+            identity,
+            surface,
+            backing,
+            faces,
+            law,
+            floating,
+            thinnest,
+        }
     }
 
     /// Returns the system of the same `body` for `press`: with its friction, and with contact

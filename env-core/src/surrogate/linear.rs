@@ -6,7 +6,7 @@
 //! Near the contact, displacement and, if asked for ([`LinearStress`]), stress are those under the
 //! forces on cells.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -23,20 +23,48 @@ use crate::{
     },
     contact::Backing,
     deformation::{Law, Moduli, Press, SoftBody},
-    geometry::{PadMesh, Transfer},
+    geometry::{PadMesh, PadOutline, Transfer},
+    interrupt,
+    recent::Recent,
     sensor::Sensor,
     simd::vectorised,
 };
 
-/// Linear model of a gel.
+/// Linear model of a gel. Models of one gel that differ in friction or contact resolution share the
+/// precomputed data.
 pub(super) struct LinearBaseline {
     layered: LayeredPad,
-    /// The fine mesh.
+    fine: Arc<FineMesh>,
+}
+
+/// Precomputed data of a gel.
+struct Precomputed {
+    /// Without friction.
+    layered: LayeredPad,
+    fine: Arc<FineMesh>,
+}
+
+/// Gel and meshes that determine precomputed data.
+#[derive(Clone, PartialEq)]
+struct Gel {
+    outline: PadOutline,
+    moduli: Moduli,
+    /// Most nodes of the fine mesh.
+    nodes: usize,
+    /// Cells of the model mesh.
+    cells: [u32; 3],
+}
+
+/// A hundred to two hundred megabytes each.
+static PRECOMPUTED: Recent<Gel, Precomputed> = Recent::new(2);
+
+/// The fine mesh, and its response to contact.
+struct FineMesh {
     compliance: Compliance,
-    /// Response of the fine mesh to forces around the nodes of the model mesh's face.
+    /// Its response to forces around the nodes of the model mesh's face.
     nodal: Nodal,
     extension: Extension,
-    fine: PadMesh,
+    mesh: PadMesh,
     transfer: Transfer,
     /// Operator for stress, computed on first use.
     stress: OnceLock<Stress>,
@@ -96,8 +124,9 @@ pub(super) struct CellContact {
 }
 
 impl LinearBaseline {
-    /// Builds the model of a gel on a mesh of at most `nodes` nodes, with answers on `model` and
-    /// contact at the `resolution`.
+    /// Creates the model of a gel on a mesh of at most `nodes` nodes, with answers on `model`, a
+    /// mesh of the sensor's pad, and contact at the `resolution`. It is built in seconds, or in no
+    /// time if one of the same gel is in use or was used lately.
     pub(super) fn new(
         sensor: &Sensor,
         gel: &PadMaterial,
@@ -105,17 +134,12 @@ impl LinearBaseline {
         model: &PadMesh,
         resolution: ContactResolution,
     ) -> Result<Self> {
-        let fine = PadMesh::with_nodes(&sensor.outline, nodes)?;
-        let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
-        let options = ComplianceOptions { friction: gel.friction, corrections: 0 };
-        let compliance = Compliance::new(body(&fine, gel.moduli)?, options)?;
-        let nodal = compliance.at_coarse_nodes(&fine, model)?;
-        let sides = Sides::new(&sensor.outline, gel.moduli, Sides::VERTICES)?;
-        let layered = LayeredPad::new(&compliance, &sensor.outline, model, resolution, &sides)?;
-        let size = 3 * model.mesh.vertices.len();
-        let extension = Extension::new(layered.unit_responses().map(|u| flat(&u)), size);
-        let stress = OnceLock::new();
-        Ok(Self { layered, compliance, nodal, extension, fine, transfer, stress })
+        let (outline, moduli) = (sensor.outline, gel.moduli);
+        let of = Gel { outline, moduli, nodes, cells: model.cells };
+        let build = || Precomputed::new(&of, model);
+        let precomputed = PRECOMPUTED.get(&of, build)?;
+        let layered = precomputed.layered.with(gel.friction, resolution)?;
+        Ok(Self { layered, fine: Arc::clone(&precomputed.fine) })
     }
 
     /// Held faces of the pad.
@@ -132,7 +156,7 @@ impl LinearBaseline {
     pub(super) fn carry(&self, settled: &ContactSolution, stress: LinearStress) -> LinearFields {
         let nodes = self.layered.contacts(settled);
         let forces: Vec<_> = nodes.iter().map(|(node, contact)| (*node, contact.force)).collect();
-        let displacement = self.extension.displacement(&forces);
+        let displacement = self.fine.extension.displacement(&forces);
         let displacement = displacement.as_chunks::<3>().0.iter();
         let mut displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
         self.layered.refine(settled, &mut displacement);
@@ -142,10 +166,10 @@ impl LinearBaseline {
         }
         let von_mises = match stress {
             LinearStress::Omitted => Vec::new(),
-            LinearStress::Spread => self.von_mises(&forces, &self.transfer, None),
+            LinearStress::Spread => self.fine.von_mises(&forces, &self.fine.transfer, None),
             LinearStress::Resolved => {
                 let near = self.layered.stress_near_contact(settled, &displacement);
-                self.von_mises(&forces, &self.transfer, Some(&near))
+                self.fine.von_mises(&forces, &self.fine.transfer, Some(&near))
             }
         };
         let fields = PadFields {
@@ -157,7 +181,30 @@ impl LinearBaseline {
         let cells = CellContact { nodes, spacing: self.layered.spacing(settled) };
         LinearFields { fields, cells }
     }
+}
 
+impl Precomputed {
+    fn new(of: &Gel, model: &PadMesh) -> Result<Self> {
+        let (outline, moduli) = (&of.outline, of.moduli);
+        let mesh = PadMesh::with_nodes(outline, of.nodes)?;
+        let transfer = Transfer::new(&mesh.mesh, &model.mesh)?;
+        interrupt::check()?;
+        let compliance = Compliance::new(body(&mesh, moduli)?, ComplianceOptions::default())?;
+        interrupt::check()?;
+        let nodal = compliance.at_coarse_nodes(&mesh, model)?;
+        interrupt::check()?;
+        let sides = Sides::new(outline, moduli, Sides::VERTICES)?;
+        let layered = LayeredPad::new(&compliance, outline, model, &sides)?;
+        interrupt::check()?;
+        let size = 3 * model.mesh.vertices.len();
+        let extension = Extension::new(layered.unit_responses().map(|u| flat(&u)), size);
+        let stress = OnceLock::new();
+        let fine = FineMesh { compliance, nodal, extension, mesh, transfer, stress };
+        Ok(Self { layered, fine: Arc::new(fine) })
+    }
+}
+
+impl FineMesh {
     /// Von Mises stress of the model mesh (T) in Pa: that given as `near`, elsewhere that under
     /// `forces` (N) on its face, averaged from the fine mesh.
     fn von_mises(
@@ -191,10 +238,10 @@ impl LinearBaseline {
 }
 
 impl Stress {
-    fn new(linear: &LinearBaseline, transfer: &Transfer) -> Self {
-        let elements = PadStress::new(&linear.fine, 1.0);
-        let responses = linear.compliance.face_responses(&linear.fine);
-        let stress = linear.nodal.unit_responses(&responses, |u| {
+    fn new(fine: &FineMesh, transfer: &Transfer) -> Self {
+        let elements = PadStress::new(&fine.mesh, 1.0);
+        let responses = fine.compliance.face_responses(&fine.mesh);
+        let stress = fine.nodal.unit_responses(&responses, |u| {
             let u: Vec<[f64; 3]> = u.iter().map(|&u| u.into()).collect();
             elements.arranged(&u)
         });
@@ -224,26 +271,48 @@ mod tests {
     use super::*;
     use crate::geometry::Shape;
 
+    const MODULI: Moduli = Moduli { young: 3e5, poisson: 0.47 };
+
     /// Creates a gel, and forces around its face nodes as of a ball.
-    fn pressed() -> (LinearBaseline, ContactSolution) {
+    fn pressed() -> (FineMesh, ContactSolution) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
-        let moduli = Moduli { young: 3e5, poisson: 0.47 };
-        let gel = PadMaterial { moduli, friction: 0.5, thickness: sensor.outline.thickness };
         let pad = sensor.pad(1000).unwrap();
-        let linear =
-            LinearBaseline::new(&sensor, &gel, 1000, &pad, ContactResolution::FAST).unwrap();
+        let of = Gel { outline: sensor.outline, moduli: MODULI, nodes: 1000, cells: pad.cells };
+        let fine = Arc::into_inner(Precomputed::new(&of, &pad).unwrap().fine).unwrap();
         let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();
-        let settled = linear.nodal.settle(&press).unwrap();
-        (linear, settled)
+        let settled = fine.nodal.settle(&press).unwrap();
+        (fine, settled)
+    }
+
+    /// Model of a Mini's gel.
+    fn linear(friction: f64) -> Result<LinearBaseline> {
+        let sensor = Sensor::named("gelsight-mini")?;
+        let gel = PadMaterial { moduli: MODULI, friction, thickness: sensor.outline.thickness };
+        LinearBaseline::new(&sensor, &gel, 1000, &sensor.pad(1000)?, ContactResolution::FAST)
+    }
+
+    #[test]
+    fn gels_that_differ_in_friction_share_what_takes_long_and_have_their_own_friction() {
+        let [slippery, rough] = [0.0, 0.8].map(|friction| linear(friction).unwrap());
+        assert!(Arc::ptr_eq(&slippery.fine, &rough.fine));
+        assert!(linear(-0.1).is_err_and(|error| error.to_string().contains("friction")));
+        let at = |x: f64| vec![Isometry3::translation(x, 0.0, 3e-3 - 4e-4)];
+        let path = vec![at(0.0), at(3e-4)];
+        let press = Press::along(vec![Shape::Sphere { radius: 3e-3 }], path).unwrap();
+        let sheared = |gel: &LinearBaseline| {
+            gel.path(&press).pop().unwrap().unwrap().wrench.force.xy().norm()
+        };
+        let [without, with] = [&slippery, &rough].map(sheared);
+        assert!(without < 0.05 * with, "{without} N, {with} N");
     }
 
     #[test]
     fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
-        let (linear, settled) = pressed();
-        let same = Transfer::new(&linear.fine.mesh, &linear.fine.mesh).unwrap();
-        let found = linear.von_mises(&settled.forces, &same, None);
-        let solved = same.average(&linear.nodal.deformation(settled).unwrap().von_mises);
+        let (fine, settled) = pressed();
+        let same = Transfer::new(&fine.mesh.mesh, &fine.mesh.mesh).unwrap();
+        let found = fine.von_mises(&settled.forces, &same, None);
+        let solved = same.average(&fine.nodal.deformation(settled).unwrap().von_mises);
         let most = solved.iter().copied().fold(0.0, f64::max);
         let mut pairs = found.iter().zip(&solved);
         assert!(found.len() == solved.len() && most > 1e3, "{most} Pa");
@@ -254,7 +323,7 @@ mod tests {
 
     #[test]
     fn stress_is_resolved_near_the_contact_and_as_spread_elsewhere() {
-        let (linear, _) = pressed();
+        let linear = linear(0.5).unwrap();
         let radius = 1e-3;
         let path = vec![vec![Isometry3::translation(-5e-3, -6e-3, radius - 4e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius }], path).unwrap();
@@ -280,15 +349,15 @@ mod tests {
     #[test]
     fn presses_that_wait_for_the_matrix_do_not_wait_for_ever() {
         const ROUNDS: usize = 3;
-        let (mut linear, settled) = pressed();
-        let same = Transfer::new(&linear.fine.mesh, &linear.fine.mesh).unwrap();
+        let (mut fine, settled) = pressed();
+        let same = Transfer::new(&fine.mesh.mesh, &fine.mesh.mesh).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
         let (done, is_done) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             for round in 0..ROUNDS {
-                linear.stress = OnceLock::new();
+                fine.stress = OnceLock::new();
                 pool.in_place_scope(|scope| {
-                    let ask = |_: &_| drop(linear.von_mises(&settled.forces, &same, None));
+                    let ask = |_: &_| drop(fine.von_mises(&settled.forces, &same, None));
                     scope.spawn(ask);
                     // The matrix is being computed here. If that used the pool, its thread could be
                     // handed one of these tasks while it waits for others, and would deadlock.

@@ -18,7 +18,6 @@ mod imprint;
 mod lower;
 mod model;
 mod object;
-mod recent;
 mod shell;
 mod skin;
 mod smooth_face;

@@ -4,9 +4,9 @@
 use std::{path::Path, slice, sync::Arc};
 
 use nalgebra::Isometry3;
-use rayon::{ThreadPoolBuilder, prelude::*};
+use rayon::prelude::*;
 
-use super::{Choice, Shell, Skin, SoftObject, TactileConfig, config::NODES, recent::Recent};
+use super::{Choice, Shell, Skin, SoftObject, TactileConfig, config::NODES};
 use crate::{
     Error, Result,
     compliance::nodal::ContactResolution,
@@ -53,9 +53,6 @@ impl std::fmt::Debug for TactilePad {
         f.debug_struct("TactilePad").field("model", &self.model.name()).finish_non_exhaustive()
     }
 }
-
-/// Pads with built-in sensors and networks; a file may have changed since it was read.
-static BUILT: Recent<TactileConfig, Option<TactilePad>> = Recent::new(4);
 
 impl TactileModel {
     /// Name of the model in a plan; `None` if nothing deforms.
@@ -117,20 +114,12 @@ impl TactileModel {
 }
 
 impl TactilePad {
-    /// Builds the instance that `config` describes, or returns a recently built one with the same
-    /// settings; `None` for rigid fingers.
+    /// Builds the instance that `config` describes; `None` for rigid fingers.
     pub fn new(config: &TactileConfig) -> Result<Option<Self>> {
         config.validate()?;
         if config.choice == Choice::None {
             return Ok(None);
         }
-        if Sensor::is_file(&config.sensor) || config.network.is_some() {
-            return Self::build(config);
-        }
-        BUILT.get(config, || Self::build(config))
-    }
-
-    fn build(config: &TactileConfig) -> Result<Option<Self>> {
         let sensor = config.sensor()?;
         let Some((model, pad, body)) = Model::new(config, &sensor)? else { return Ok(None) };
         let skin = Arc::new(Skin::new(&pad, &body, &sensor, &config.resolution)?);
@@ -192,7 +181,7 @@ impl Model {
                 let (_, moduli) = config.material(sensor)?;
                 let (friction, nodes) = (sensor.friction.coefficient, config.resolution.nodes);
                 let fast = ContactResolution::FAST;
-                let model = alone(|| LinearPad::new(sensor, moduli, friction, nodes, fast))?;
+                let model = LinearPad::new(sensor, moduli, friction, nodes, fast)?;
                 Self::Linear(model.with_spread_stress())
             }
             Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
@@ -241,10 +230,10 @@ fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
         return Err(Error::invalid("material", law, expected));
     }
     let friction = sensor.friction.coefficient;
-    let model = alone(|| match &config.network {
-        Some(path) => Surrogate::load(Path::new(path), sensor, moduli, friction),
-        None => Surrogate::new(sensor, moduli, friction),
-    })?;
+    let model = match &config.network {
+        Some(path) => Surrogate::load(Path::new(path), sensor, moduli, friction)?,
+        None => Surrogate::new(sensor, moduli, friction)?,
+    };
     let nodes = model.card().model_nodes;
     if nodes != config.resolution.nodes {
         let expected = format!(
@@ -255,11 +244,4 @@ fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
         return Err(Error::invalid("resolution.nodes", config.resolution.nodes, expected));
     }
     Ok(model)
-}
-
-/// Runs `build` on a thread that ends afterwards and returns its result: a process in which rayon's
-/// threads have started cannot be forked.
-fn alone<T: Send>(build: impl FnOnce() -> Result<T> + Send) -> Result<T> {
-    let pool = ThreadPoolBuilder::new().num_threads(1).build();
-    pool.map_err(|error| Error::invalid("threads", error, "a thread to start"))?.install(build)
 }

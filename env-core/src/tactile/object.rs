@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-use super::{Shell, recent::Recent};
+use super::Shell;
 use crate::{
     Result,
     deformation::{Deformation, History, Moduli, Press, SoftBody},
     geometry::{RigidFit, Shape, TetMesh},
+    recent::Recent,
     surrogate::soft::SoftSurrogate,
 };
 
@@ -68,7 +69,7 @@ impl SoftObject {
     /// (m), or returns a recently built instance.
     pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
         let parameters = ModelParameters { shape: shape.clone(), finger, poisson };
-        BUILT.get(&parameters, || {
+        let built = BUILT.get(&parameters, || {
             let moduli = Moduli { young: YOUNG, poisson };
             let surrogate = SoftSurrogate::named("soft", shape, moduli, 1.0)?;
             let mesh = surrogate.body().mesh();
@@ -76,7 +77,8 @@ impl SoftObject {
             let shell = Arc::new(shell(mesh));
             let volumes = (0..mesh.tets.len()).map(|t| mesh.tet_volume(t)).collect();
             Ok(Self { surrogate, markers, shell, volumes, finger })
-        })
+        });
+        built.map(|built| Self::clone(&built))
     }
 
     /// Model of the object.

@@ -19,6 +19,7 @@ use super::{
 use crate::{
     Error, Result,
     contact::{PointGroup, SurfacePoint, is_engulfed, is_within},
+    deformation::{ModelIdentity, Numbering},
     geometry::{PadMesh, Shape, vertex_normals},
     responses::Responses,
 };
@@ -141,6 +142,12 @@ impl ContactNodes {
         };
         let (loads, faces, normals) = (Vec::new(), Vec::new(), Vec::new());
         Self { condensed, compliance, own, places, normals, loads, points, groups: grouped, faces }
+    }
+
+    /// Identity of the model.
+    pub(super) fn identity(&self) -> ModelIdentity {
+        let of_body = self.condensed.identity;
+        if self.grid().is_some() { of_body.with_numbering(Numbering::Cells) } else { of_body }
     }
 
     /// Number of contact nodes M.

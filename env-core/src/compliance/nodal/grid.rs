@@ -37,12 +37,16 @@ const BENT: f64 = 1.0;
 /// wide against the cells.
 const MANY: usize = 2000;
 
+/// Number of grids with tables of heights. Those of all finer ones together take tens of megabytes.
+const TABULATED: usize = 5;
+
 /// Data shared by the grids of a pad.
 pub(super) struct CellLevels {
     /// The first grid. Numbers of cells along x and y are multiples of [`ROOT`].
     first: FirstGrid,
     kernel: LayerKernel,
-    /// Height of the face over the centres of the cells of each grid (m).
+    /// Height of the face over the centres of the cells of each of the first [`TABULATED`] grids
+    /// (m).
     heights: Vec<Vec<f64>>,
     /// Compliance of the pad less that of the layer.
     edges: SideCompliance,
@@ -53,6 +57,15 @@ pub(super) struct CellLevels {
 pub(super) struct CellGrid {
     cells: Arc<CellLevels>,
     level: u32,
+}
+
+/// Height of the face over the centre of a cell of that `level`, given by its place along x and y
+/// (m).
+fn height(first: &FirstGrid, level: u32, [i, j]: [u32; 2]) -> f64 {
+    let [nx, ny] = first.count.map(|count| count << level);
+    let middle = |i: u32, n: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
+    let outline = &first.outline;
+    outline.height(middle(i, nx, outline.width), middle(j, ny, outline.length))
 }
 
 impl CellLevels {
@@ -67,19 +80,24 @@ impl CellLevels {
     ) -> Arc<Self> {
         let first = FirstGrid::new(outline, count);
         let kernel = LayerKernel::new(first.sides, levels, outline.thickness, moduli);
-        let heights = |level: u32| -> Vec<f64> {
+        let heights = |level: usize| -> Vec<f64> {
             let [nx, ny] = count.map(|count| count << level);
-            let middle =
-                |i: u32, n: u32, extent: f64| ((f64::from(i) + 0.5) / f64::from(n) - 0.5) * extent;
-            let places = (0..nx).flat_map(|i| (0..ny).map(move |j| (i, j)));
-            let height = |(i, j)| {
-                outline.height(middle(i, nx, outline.width), middle(j, ny, outline.length))
-            };
-            places.map(height).collect()
+            let places = (0..nx).flat_map(|i| (0..ny).map(move |j| [i, j]));
+            places.map(|cell| height(&first, level as u32, cell)).collect()
         };
-        let heights = (0..levels as u32).map(heights).collect();
+        let heights = (0..levels.min(TABULATED)).map(heights).collect();
         let edges = SideCompliance::new(&first, sides);
         Arc::new(Self { first, kernel, heights, edges })
+    }
+
+    /// Height of the face over the centre of a cell of that `level`, given by its place along x
+    /// and y and by its rank (m).
+    #[inline(always)]
+    fn height(&self, level: u32, cell: [u32; 2], rank: u32) -> f64 {
+        match self.heights.get(level as usize) {
+            Some(heights) => heights[rank as usize],
+            None => height(&self.first, level, cell),
+        }
     }
 
     /// Point of the face over (x, y).
@@ -141,7 +159,7 @@ impl CellGrid {
         Point3::new(
             (f64::from(i) + 0.5) * a - 0.5 * outline.width,
             (f64::from(j) + 0.5) * b - 0.5 * outline.length,
-            self.cells.heights[self.level as usize][rank as usize],
+            self.cells.height(self.level, [i, j].map(i32::cast_unsigned), rank),
         )
     }
 

@@ -17,6 +17,8 @@
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix2, Matrix3, Matrix4};
 
 use crate::{deformation::Moduli, simd::vectorised};
@@ -24,16 +26,20 @@ use crate::{deformation::Moduli, simd::vectorised};
 /// Mean displacement of cells under unit forces spread over others (m/N), for grids of which each
 /// has cells half as long as the one before.
 pub(super) struct LayerKernel {
-    levels: Vec<Table>,
+    levels: Vec<Arc<Table>>,
 }
 
 /// Displacements by the distance of two cells.
 pub(super) struct Table {
-    /// Largest distance along x and y plus 1. The displacement is zero at the largest.
+    /// Least distances along x and y at which the displacement is zero.
+    reach: [usize; 2],
+    /// Least distances along x and y that have no entries.
     count: [usize; 2],
     /// Displacements for distances of 0 or more. The signs of x and y turn with those of a
     /// distance.
     entries: Vec<Columns>,
+    /// Table of cells twice as long, which has the displacements for distances without entries.
+    longer: Option<Arc<Table>>,
     /// Displacements for distances up to [`NEAR`] with their signs, and for a strip more along y:
     /// by distance along x, axis of the force and distance along y.
     near: Vec<f32>,
@@ -56,6 +62,9 @@ const REACH: f64 = 4.0;
 /// Distance in cells up to which cells smaller than the first level's have entries of their own;
 /// farther away, the larger cells' are interpolated.
 const OWN: usize = 24;
+/// Most distances along an axis with entries: interpolation takes longer, and all entries of the
+/// finest grids together take hundreds of megabytes.
+const STORED: usize = 512;
 /// Number of cells along y in a strip.
 pub(super) const STRIP: usize = 8;
 /// Distance in cells along each axis of strips that are read as they lie in memory.
@@ -73,16 +82,17 @@ impl LayerKernel {
     pub(super) fn new(sides: [f64; 2], levels: usize, thickness: f64, moduli: Moduli) -> Self {
         let rest = Radial::new(WAVES.0, |k| difference(k, moduli.poisson));
         let count = sides.map(|side| (REACH * thickness / side).ceil() as usize + 1);
-        let mut all: Vec<Table> = Vec::with_capacity(levels);
+        let mut all: Vec<Arc<Table>> = Vec::with_capacity(levels);
         for level in 0..levels {
             let sides = sides.map(|side| side / f64::from(1u32 << level));
-            let table = Table::new(count.map(|count| count << level), all.last(), |at| {
+            let longer = all.last().cloned();
+            let table = Table::new(count.map(|count| count << level), longer, |at| {
                 let sides = sides.map(|side| side / thickness);
                 let at = [at[0] as f64 * sides[0], at[1] as f64 * sides[1]];
                 let near = half_space_cell(at, sides, moduli.poisson) + rest.cell(at, sides);
                 near * (1.0 / (moduli.young * thickness))
             });
-            all.push(table);
+            all.push(Arc::new(table));
         }
         Self { levels: all }
     }
@@ -94,26 +104,21 @@ impl LayerKernel {
 }
 
 impl Table {
-    /// Tabulates the displacement `under` unit forces at distances less than `count`, as it is or,
+    /// Tabulates the displacement `under` unit forces at distances less than `reach`, as it is or,
     /// far away, between those of the cells twice as long.
     fn new(
-        count: [usize; 2],
-        longer: Option<&Self>,
+        reach: [usize; 2],
+        longer: Option<Arc<Self>>,
         under: impl Fn([usize; 2]) -> Matrix3<f64>,
     ) -> Self {
-        let entry = |m: &Matrix3<f32>| {
-            std::array::from_fn(|k| if k % 4 < 3 { m[(k % 4, k / 4)] } else { 0.0 })
-        };
-        let at = |i: usize, j: usize| match longer {
-            _ if i == count[0] || j == count[1] => Columns::default(),
-            Some(longer) if i.max(j) > OWN + 1 => {
-                entry(&longer.between([i, j].map(|i| 0.5 * i as f32)))
-            }
-            _ => entry(&under([i, j]).cast()),
-        };
-        let rows = (0..=count[0]).flat_map(|i| (0..=count[1]).map(move |j| (i, j)));
-        let entries = rows.map(|(i, j)| at(i, j)).collect();
-        let mut all = Self { count: count.map(|count| count + 1), entries, near: Vec::new() };
+        let count = if longer.is_some() { reach.map(|count| count.min(STORED)) } else { reach };
+        let mut all = Self { reach, count, entries: Vec::new(), near: Vec::new(), longer };
+        all.entries.reserve_exact(count[0] * count[1]);
+        for (x, y) in (0..count[0]).flat_map(|x| (0..count[1]).map(move |y| (x, y))) {
+            let is_far = all.longer.is_some() && x.max(y) > OWN + 1;
+            let entry = if is_far { all.far([x, y]) } else { columns(&under([x, y]).cast()) };
+            all.entries.push(entry);
+        }
         for (x, axis) in (-NEAR..=NEAR).flat_map(|x| [0, 1, 2].map(|axis| (x, axis))) {
             for y in (-NEAR..).take(2 * NEAR as usize + STRIP) {
                 let columns = all.at([x, y]);
@@ -142,7 +147,8 @@ impl Table {
     /// x and y (m/N).
     #[inline(always)]
     pub(super) fn at(&self, away: [i32; 2]) -> Columns {
-        let (entry, signs) = self.entry(away);
+        let mut far = Columns::default();
+        let (entry, signs) = self.entry(away, &mut far);
         let mut turned = [0.0; 12];
         for axis in 0..3 {
             for i in 0..4 {
@@ -152,13 +158,59 @@ impl Table {
         turned
     }
 
-    /// Displacement at the same distance along x and y without their signs, and these.
+    /// Displacement at the same distance along x and y without their signs, and these; it is
+    /// written to `far` if there is no entry.
     #[inline(always)]
-    fn entry(&self, away: [i32; 2]) -> (&Columns, [f32; 4]) {
-        let place =
-            |axis: usize| usize::min(away[axis].unsigned_abs() as usize, self.count[axis] - 1);
+    fn entry<'a>(&'a self, away: [i32; 2], far: &'a mut Columns) -> (&'a Columns, [f32; 4]) {
+        let [x, y] = away.map(|cells| cells.unsigned_abs() as usize);
         let sign = |axis: usize| if away[axis] < 0 { -1.0 } else { 1.0 };
-        (&self.entries[place(0) * self.count[1] + place(1)], [sign(0), sign(1), 1.0, 1.0])
+        let signs = [sign(0), sign(1), 1.0, 1.0];
+        if x < self.count[0] && y < self.count[1] {
+            return (&self.entries[x * self.count[1] + y], signs);
+        }
+        *far = self.far([x, y]);
+        (far, signs)
+    }
+
+    /// Displacement at a distance without an entry, interpolated in the first table of longer cells
+    /// that has entries around it. Those between would give the same, since they interpolate, too.
+    #[inline(always)]
+    fn far(&self, away: [usize; 2]) -> Columns {
+        let mut sum = Columns::default();
+        if away[0] >= self.reach[0] || away[1] >= self.reach[1] {
+            return sum;
+        }
+        let (mut table, mut at) = (self, away.map(|cells| cells as f32));
+        while let Some(longer) = &table.longer {
+            (table, at) = (longer, at.map(|cells| 0.5 * cells));
+            if (0..2).all(|axis| at[axis] + 1.0 < table.count[axis] as f32) {
+                break;
+            }
+        }
+        let low = at.map(|cells| cells as usize);
+        let share = [at[0] - low[0] as f32, at[1] - low[1] as f32];
+        for (x, by_x) in [(low[0], 1.0 - share[0]), (low[0] + 1, share[0])] {
+            for (y, by_y) in [(low[1], 1.0 - share[1]), (low[1] + 1, share[1])] {
+                if x < table.count[0] && y < table.count[1] {
+                    let (entry, weight) = (&table.entries[x * table.count[1] + y], by_x * by_y);
+                    sum.iter_mut().zip(entry).for_each(|(sum, entry)| *sum += weight * entry);
+                }
+            }
+        }
+        sum
+    }
+
+    /// Displacement (m) at a distance under a `force` (N).
+    #[inline(always)]
+    pub(super) fn moved(&self, away: [i32; 2], force: [f32; 3]) -> [f32; 4] {
+        let mut far = Columns::default();
+        let (entry, signs) = self.entry(away, &mut far);
+        let [x, y, z] = [force[0] * signs[0], force[1] * signs[1], force[2]];
+        let mut moved = [0.0; 4];
+        for i in 0..4 {
+            moved[i] = signs[i] * (x * entry[i] + y * entry[4 + i] + z * entry[8 + i]);
+        }
+        moved
     }
 
     /// Displacement (m) of the cell `at` under forces (N) on the cells `loaded`.
@@ -168,11 +220,9 @@ impl Table {
             #[inline(always)]
             || {
                 for (from, force) in loaded {
-                    let (entry, signs) = self.entry([at[0] - from[0], at[1] - from[1]]);
-                    let [x, y, z] = [force[0] * signs[0], force[1] * signs[1], force[2]];
+                    let moved = self.moved([at[0] - from[0], at[1] - from[1]], *force);
                     for i in 0..4 {
-                        let moved = x * entry[i] + y * entry[4 + i] + z * entry[8 + i];
-                        sum[i] += signs[i] * moved;
+                        sum[i] += moved[i];
                     }
                 }
             },
@@ -207,16 +257,19 @@ impl Table {
         let mut sum = [0.0; 4];
         for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
             for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
-                let (entry, signs) = self.entry([low[0] as i32 + i, low[1] as i32 + j]);
-                let f = [force[0] * signs[0], force[1] * signs[1], force[2]];
+                let moved = self.moved([low[0] as i32 + i, low[1] as i32 + j], force);
                 for k in 0..4 {
-                    let moved = f[0] * entry[k] + f[1] * entry[4 + k] + f[2] * entry[8 + k];
-                    sum[k] += by_x * by_y * signs[k] * moved;
+                    sum[k] += by_x * by_y * moved[k];
                 }
             }
         }
         [sum[0], sum[1], sum[2]]
     }
+}
+
+/// The columns of a matrix.
+fn columns(matrix: &Matrix3<f32>) -> Columns {
+    std::array::from_fn(|k| if k % 4 < 3 { matrix[(k % 4, k / 4)] } else { 0.0 })
 }
 
 /// The matrix of some columns.
@@ -475,5 +528,25 @@ mod tests {
         }
         let far = kernel.level(2).at([100, 0]);
         assert!(far == Columns::default(), "{far:?}");
+    }
+
+    #[test]
+    fn distances_without_entries_are_interpolated_and_end_where_the_layer_does() {
+        let moduli = Moduli { young: 3e5, poisson: 0.47 };
+        let kernel = LayerKernel::new([1.2e-3, 1.3e-3], 8, 4e-3, moduli);
+        let (coarse, fine) = (kernel.level(6), kernel.level(7));
+        assert!(coarse.reach[0] > STORED && fine.count == [STORED; 2]);
+        for cells in [STORED as i32 / 2 + 3, STORED as i32 + 40] {
+            let (far, own) = (matrix(&fine.at([-2 * cells, 20])), matrix(&coarse.at([-cells, 10])));
+            assert!(far == own && own != Matrix3::zeros(), "{far} {own}");
+            let [odd, sides] = [[2 * cells + 1, 21], [cells, 10]];
+            let mean = [[0, 0], [0, 1], [1, 0], [1, 1]]
+                .map(|[x, y]| matrix(&coarse.at([sides[0] + x, sides[1] + y])) * 0.25);
+            let error = matrix(&fine.at(odd)) - mean.iter().sum::<Matrix3<f32>>();
+            assert!(error.norm() < 1e-6 * own.norm(), "{error}");
+        }
+        let end = fine.reach[1] as i32;
+        assert!(fine.at([0, 1 - end]) != Columns::default());
+        assert!([[0, end], [0, -end]].map(|away| fine.at(away)) == [Columns::default(); 2]);
     }
 }

@@ -20,7 +20,7 @@ use super::{
     model_face::{ModelFace, NearNodes},
     near_field::NearField,
     patch::NodalScratch,
-    resolution::ContactResolution,
+    resolution::{ContactResolution, LEVELS},
     side_field::SideField,
     sides::Sides,
     state::ContactSolution,
@@ -83,24 +83,23 @@ pub struct NodeContact {
 
 impl LayeredPad {
     /// Builds the model of the pad of `outline`, of the body and friction of `compliance`, for
-    /// fields on a `model` mesh, with contact at the `resolution`. Returns an error if that is not
-    /// a mesh of the pad whose `sides` are given.
+    /// fields on a `model` mesh, with fast contact. Returns an error if that is not a mesh of the
+    /// pad whose `sides` are given.
     pub fn new(
         compliance: &Compliance,
         outline: &PadOutline,
         model: &PadMesh,
-        resolution: ContactResolution,
         sides: &Sides,
     ) -> Result<Self> {
         let condensed = &compliance.condensed;
         let along = |extent: f64| ROOT * (extent / (FIRST * f64::from(ROOT))).ceil() as u32;
         let count = [along(outline.width), along(outline.length)];
-        let (levels, moduli) = (resolution.levels as usize, condensed.body.moduli()[0]);
-        let cells = CellLevels::new(outline, count, levels, moduli, sides);
+        let moduli = condensed.body.moduli()[0];
+        let cells = CellLevels::new(outline, count, LEVELS as usize, moduli, sides);
         let level = |level| {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
-        let levels: Vec<_> = (0..resolution.levels).map(level).collect();
+        let levels: Vec<_> = (0..LEVELS).map(level).collect();
         // Layers are equally deep, as a part of the height, in all columns.
         let height = |layer: usize| model.mesh.vertices[layer * model.face.len()].z;
         let layers = model.cells[2] as usize;
@@ -117,7 +116,15 @@ impl LayeredPad {
         });
         let known = Arc::new(known.collect());
         let law = compliance.settings.law;
+        let resolution = ContactResolution::FAST;
         Ok(Self { levels: Arc::new(levels), resolution, law, model, near_field, known })
+    }
+
+    /// Returns this model with other friction and contact at another `resolution`; both share the
+    /// precomputed data.
+    pub fn with(&self, friction: f64, resolution: ContactResolution) -> Result<Self> {
+        let law = ContactLaw::new(self.law.softness, friction)?;
+        Ok(Self { law, resolution, ..self.clone() })
     }
 
     /// Held faces of the pad.
@@ -317,9 +324,8 @@ mod tests {
         let body = SoftBody::new(pad.mesh.clone(), Law::default(), moduli, &pad.base).unwrap();
         let options = ComplianceOptions { friction: 0.5, corrections: 0 };
         let compliance = Compliance::new(body, options).unwrap();
-        let fast = ContactResolution::FAST;
         let sides = Sides::new(&sensor.outline, moduli, 300).unwrap();
-        LayeredPad::new(&compliance, &sensor.outline, &pad, fast, &sides).unwrap()
+        LayeredPad::new(&compliance, &sensor.outline, &pad, &sides).unwrap()
     }
 
     #[test]

@@ -422,6 +422,7 @@ impl<'a> NodalLoadStepping<'a> {
             wrench: *wrench,
             sliding: self.law.sliding_share(held.iter().map(|held| (held.force, held.normal))),
             history: History {
+                model: self.levels[0].identity(),
                 displacement: Vec::new(),
                 poses: poses.clone(),
                 anchors: held.iter().map(anchor).collect(),

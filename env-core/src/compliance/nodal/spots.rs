@@ -233,9 +233,9 @@ fn add_strips(
             }
         } else {
             for (k, sum) in (0..).zip(sum.as_chunks_mut::<3>().0) {
-                let columns = layer.at([away[0], away[1] + k]);
+                let moved = layer.moved([away[0], away[1] + k], force);
                 for i in 0..3 {
-                    sum[i] += (0..3).map(|axis| force[axis] * columns[4 * axis + i]).sum::<f32>();
+                    sum[i] += moved[i];
                 }
             }
         }

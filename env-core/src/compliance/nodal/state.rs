@@ -119,7 +119,8 @@ fn lifted(
 
 /// Restores the state of a `history`; returns an error if it is of another model.
 pub(super) fn recalled(levels: &[ContactNodes], history: &History) -> Result<NodalState> {
-    history.check(0, levels.iter().map(ContactNodes::len).sum())?;
+    let points = levels.iter().map(ContactNodes::len).sum();
+    history.check(&levels[0].identity(), 0, points)?;
     if history.forces.len() != history.anchors.len() {
         let expected = format!("the forces at its {} anchors", history.anchors.len());
         return Err(Error::invalid("history", history.forces.len(), expected));
