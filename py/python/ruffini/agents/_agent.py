@@ -134,12 +134,10 @@ class Agent:
         """Read the agent in a file.
 
         Raises:
-            ValueError: If there is no readable one.
+            OSError: If the file cannot be read.
+            ValueError: If it holds no agent.
         """
-        try:
-            data = Path(path).read_bytes()
-        except OSError as error:
-            raise ValueError(f"agent {path}: {error.strerror}") from None
+        data = Path(path).read_bytes()
         try:
             tensors, text = read_tensors(data)
             card = json.loads(text)
