@@ -68,7 +68,7 @@ def outcome(make, *arguments, **keywords) -> str:
     try:
         make(*arguments, **keywords)
     except FileNotFoundError as error:
-        assert error.filename, error
+        assert error.filename is not None, error
         return str(error)
     except ValueError as error:
         assert len(str(error)) > 10, error

@@ -3,7 +3,10 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use numpy::PyArray1;
 use pyo3::{IntoPyObjectExt, PyClass, prelude::*, types::PyDict};
-use ruffini_core::deformation::{self, Drive};
+use ruffini_core::{
+    deformation::{self, Drive},
+    geometry,
+};
 
 use super::{
     History, Shape, answer,
@@ -129,7 +132,7 @@ impl Press {
     }
 
     fn __repr__(&self) -> String {
-        let names: Vec<_> = self.inner.shapes().iter().map(|shape| shape.name()).collect();
+        let names: Vec<_> = self.inner.shapes().iter().map(geometry::Shape::name).collect();
         let drive = match self.inner.drive() {
             Drive::Translation { path } => format!("{} frames", path.len()),
             Drive::Force { force, direction, .. } => {

@@ -134,10 +134,15 @@ class Agent:
         """Read the agent in a file.
 
         Raises:
-            OSError: If the file cannot be read.
-            ValueError: If it holds no agent.
+            FileNotFoundError: If there is no such file.
+            ValueError: If it is no readable file of an agent.
         """
-        data = Path(path).read_bytes()
+        try:
+            data = Path(path).read_bytes()
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise ValueError(f"agent {path}: {error.strerror}") from None
         try:
             tensors, text = read_tensors(data)
             card = json.loads(text)
