@@ -1,5 +1,7 @@
 //! The error type of the crate. Messages state what was found and what was expected.
 
+use std::io;
+
 use thiserror::Error;
 
 /// Result of the fallible functions of this crate.
@@ -185,6 +187,17 @@ impl Error {
         match self {
             Self::BadMesh { reason, .. } => Self::BadMesh { name: file.to_owned(), reason },
             other => other,
+        }
+    }
+
+    /// Path of a file or folder that does not exist, if that is why it could not be read or written.
+    pub fn missing_file(&self) -> Option<&str> {
+        /// The system's number of this error; readers of files pass on its text alone.
+        const NOT_FOUND: i32 = 2;
+        let text = io::Error::from_raw_os_error(NOT_FOUND).to_string();
+        match self {
+            Self::File { path, reason } if *reason == text => Some(path),
+            _ => None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Conversion of the Rust crate's errors to Python exceptions with the same text.
 
 use pyo3::{
-    exceptions::{PyRuntimeError, PyValueError},
+    exceptions::{PyFileNotFoundError, PyRuntimeError, PyValueError},
     prelude::*,
 };
 use ruffini_core::Error;
@@ -23,12 +23,19 @@ pyo3::create_exception!(
      surface, however small the load step), \"penetrated\" (a shape was led deep into the body,\n\
      past nodes that are held), \"inverted\" (a linear solution turned part of the body inside out),\n\
      \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history\n\
-     of another body). The text has the figures."
+     of another body). The text has the figures.\n\n\
+     Of the attributes of an answer it has none: asked for one, it raises a PressError with the\n\
+     reason."
 );
 
-/// Converts an error: bad arguments become a `ValueError`, all others a `SimulationError`.
+/// Converts an error: a missing file becomes a `FileNotFoundError`, as `open` raises it, bad arguments
+/// a `ValueError`, all others a `SimulationError`.
 #[allow(clippy::needless_pass_by_value)] // For `map_err`.
 pub(crate) fn python_error(error: Error) -> PyErr {
+    if let Some(path) = error.missing_file() {
+        let path = path.to_owned();
+        return PyFileNotFoundError::new_err((NOT_FOUND, "No such file or directory", path));
+    }
     match error {
         Error::Invalid { .. }
         | Error::Setting { .. }
@@ -38,6 +45,9 @@ pub(crate) fn python_error(error: Error) -> PyErr {
         _ => SimulationError::new_err(error.to_string()),
     }
 }
+
+/// `errno.ENOENT`.
+const NOT_FOUND: i32 = 2;
 
 /// Creates the `PressError` that takes the place of an unsolved press in the list of solutions,
 /// with a `hint` after its text.

@@ -11,11 +11,15 @@ mod signals;
 mod tensors;
 mod training;
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::PathBuf,
+    sync::{Arc, Mutex, MutexGuard, TryLockError},
+};
 
 use nalgebra::{Point3, Vector3};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{
+    exceptions::PyRuntimeError,
     prelude::*,
     types::{PyBytes, PyDict},
 };
@@ -32,10 +36,10 @@ use error::{PressError, SimulationError, python_error};
 use mechanics::arrays::array_of_rows;
 use signals::interruptible;
 
-/// Batch of N environments that are stepped together.
-#[pyclass(module = "ruffini._core")]
+/// Batch of N environments that are stepped together, by one thread at a time.
+#[pyclass(frozen, module = "ruffini._core")]
 struct Batch {
-    inner: ruffini_core::env::Batch,
+    inner: Mutex<ruffini_core::env::Batch>,
 }
 
 /// Observations (N, D), rewards (N), terminated (N), truncated (N), reward terms (N, K), success
@@ -87,50 +91,51 @@ impl Batch {
             let setup = Arc::new(Setup::new(TaskConfig::from_json(settings)?)?);
             ruffini_core::env::Batch::new(setup, num_envs, num_threads, autoreset)
         });
-        Ok(Self { inner: inner.map_err(python_error)? })
+        Ok(Self { inner: Mutex::new(inner.map_err(python_error)?) })
     }
 
     /// Channels of the observation with their components.
-    fn layout(&self) -> Vec<(&'static str, Vec<Component>)> {
+    fn layout(&self) -> PyResult<Vec<(&'static str, Vec<Component>)>> {
         let components = |components: &[ruffini_core::task::Component]| {
             let row = |c: &ruffini_core::task::Component| {
                 (c.name.clone(), c.low.clone(), c.high.clone(), c.unit)
             };
             components.iter().map(row).collect()
         };
-        let channels = self.inner.setup().layout().channels();
-        channels.iter().map(|(name, parts)| (*name, components(parts))).collect()
+        let batch = self.held()?;
+        let channels = batch.setup().layout().channels();
+        Ok(channels.iter().map(|(name, parts)| (*name, components(parts))).collect())
     }
 
     /// Names of the reward's terms, in order.
-    fn reward_terms(&self) -> Vec<&'static str> {
-        let terms = self.inner.setup().config().task.terms();
-        terms.iter().map(|term| term.name).collect()
+    fn reward_terms(&self) -> PyResult<Vec<&'static str>> {
+        let batch = self.held()?;
+        let terms = batch.setup().config().task.terms();
+        Ok(terms.iter().map(|term| term.name).collect())
     }
 
     /// Starts episodes in the rows of `mask`, or in all, after reseeding the rows that have a seed.
     fn reset<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         seeds: Option<Vec<Option<u64>>>,
         mask: Option<PyReadonlyArray1<'py, bool>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let mask = mask.map(|mask| mask.as_array().to_vec());
-        let batch_is_slow = self.is_slow();
-        let batch = &mut self.inner;
-        let reset = || {
+        let mut batch = self.held()?;
+        let reset = |batch: &mut ruffini_core::env::Batch| {
             if let Some(seeds) = seeds {
                 batch.seed(&seeds)?;
             }
             batch.reset(mask.as_deref())
         };
-        let observation = patient(py, batch_is_slow, reset)?.map_err(python_error)?;
-        self.rows(py, observation)
+        let observation = patient(py, &mut batch, reset)?.map_err(python_error)?;
+        rows(py, &batch, observation)
     }
 
     /// Takes one step; `actions` is (N, 5).
     fn step<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         actions: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Step<'py>> {
@@ -140,21 +145,20 @@ impl Batch {
             return Err(python_error(Error::invalid("actions", found, "rows of 5 numbers")));
         }
         let actions: Vec<f32> = actions.as_array().iter().copied().collect();
-        let batch_is_slow = self.is_slow();
-        let batch = &mut self.inner;
+        let mut batch = self.held()?;
         let StepResult { observation, outcomes, finals } =
-            patient(py, batch_is_slow, || batch.step(&actions))?.map_err(python_error)?;
+            patient(py, &mut batch, |batch| batch.step(&actions))?.map_err(python_error)?;
         let column = |f: fn(&ruffini_core::env::Outcome) -> bool| {
             PyArray1::from_iter(py, outcomes.iter().map(f))
         };
         let failed = outcomes.iter().enumerate();
         let failed = failed.filter_map(|(i, o)| o.press_error.map(|kind| (i, kind))).collect();
-        let task = &self.inner.setup().config().task;
+        let task = &batch.setup().config().task;
         // Adding zero removes its sign.
         let terms = outcomes.iter().flat_map(|o| o.terms.values(task)).map(|term| term + 0.0);
         let terms = PyArray1::from_iter(py, terms);
         Ok((
-            self.rows(py, observation)?,
+            rows(py, &batch, observation)?,
             PyArray1::from_iter(py, outcomes.iter().map(|o| o.reward)),
             column(|o| o.terminated),
             column(|o| o.truncated),
@@ -167,25 +171,26 @@ impl Batch {
     }
 
     /// Sets a quantity of the start of all further episodes (N,); NaN has it drawn.
-    fn give(&mut self, name: &str, values: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
+    fn give(&self, name: &str, values: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
         let quantity = StartQuantity::named(name).map_err(python_error)?;
-        self.inner.give(quantity, &values.as_array().to_vec()).map_err(python_error)
+        self.held()?.give(quantity, &values.as_array().to_vec()).map_err(python_error)
     }
 
     /// Ends the episodes of the rows of `mask`.
-    fn end(&mut self, mask: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
-        self.inner.end(&mask.as_array().to_vec()).map_err(python_error)
+    fn end(&self, mask: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
+        self.held()?.end(&mask.as_array().to_vec()).map_err(python_error)
     }
 
     /// Stages of a step: name, mean number of runs and mean time (µs) in a step of one environment.
-    fn plan(&mut self, forget: bool) -> Vec<(String, f64, f64)> {
-        let plan = self.inner.plan(forget).into_iter();
-        plan.map(|stage| (stage.name, stage.runs, stage.microseconds)).collect()
+    fn plan(&self, forget: bool) -> PyResult<Vec<(String, f64, f64)>> {
+        let plan = self.held()?.plan(forget).into_iter();
+        Ok(plan.map(|stage| (stage.name, stage.runs, stage.microseconds)).collect())
     }
 
     /// Rest positions (m) that the tactile channels refer to; `None` for rigid fingers.
     fn skin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let Some(touch) = self.inner.setup().tactile().pads() else { return Ok(None) };
+        let batch = self.held()?;
+        let Some(touch) = batch.setup().tactile().pads() else { return Ok(None) };
         let (skin, dict) = (touch.skin(), PyDict::new(py));
         let points = |points: Vec<Point3<f64>>| {
             let count = points.len();
@@ -206,7 +211,7 @@ impl Batch {
 
     /// Renders the scene of one row as a picture (height, width, 3).
     fn render<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         row: usize,
         width: usize,
@@ -219,7 +224,7 @@ impl Batch {
                 Viewpoint::Fixed(PinholeCamera::new(position, target, field_of_view))
             }
         };
-        let batch = &mut self.inner;
+        let batch = &mut *self.held()?;
         let render = || batch.render(row, [width, height], &viewpoint);
         let picture = py.detach(render).map_err(python_error)?;
         PyArray1::from_vec(py, picture).reshape([height, width, 3])
@@ -227,8 +232,8 @@ impl Batch {
 
     /// Surfaces of a row's objects and fixture by name: vertices (V, 3) in m, triangles (F, 3), and
     /// von Mises stress (V,) in Pa or `None`.
-    fn surfaces<'py>(&mut self, py: Python<'py>, row: usize) -> PyResult<Bound<'py, PyDict>> {
-        let batch = &mut self.inner;
+    fn surfaces<'py>(&self, py: Python<'py>, row: usize) -> PyResult<Bound<'py, PyDict>> {
+        let batch = &mut *self.held()?;
         let surfaces = py.detach(|| batch.surfaces(row)).map_err(python_error)?;
         let dict = PyDict::new(py);
         for surface in surfaces {
@@ -241,34 +246,36 @@ impl Batch {
     }
 
     /// Snapshots of all rows as bytes.
-    fn save<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyBytes>> {
-        self.inner.save().iter().map(|state| PyBytes::new(py, state)).collect()
+    fn save<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyBytes>>> {
+        Ok(self.held()?.save().iter().map(|state| PyBytes::new(py, state)).collect())
     }
 
     /// Restores all rows from snapshots made by `save` and returns their observations.
     fn load<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         states: Vec<Vec<u8>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let observation = self.inner.load(&states).map_err(python_error)?;
-        self.rows(py, observation)
+        let mut batch = self.held()?;
+        let observation = batch.load(&states).map_err(python_error)?;
+        rows(py, &batch, observation)
     }
 
     /// Booleans (N,), true where the episode of a row is over or has not begun.
-    fn ended<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<bool>> {
-        PyArray1::from_iter(py, self.inner.rows().iter().map(Row::needs_reset))
+    fn ended<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        Ok(PyArray1::from_iter(py, self.held()?.rows().iter().map(Row::needs_reset)))
     }
 
     /// Quantities drawn for the episode of a row and poses of its bodies, in SI units; `None`
     /// before the first reset.
     fn look<'py>(&self, py: Python<'py>, row: usize) -> PyResult<Option<Bound<'py, PyDict>>> {
-        let rows = self.inner.rows();
+        let batch = self.held()?;
+        let rows = batch.rows();
         let found = rows.get(row).ok_or_else(|| {
             python_error(Error::invalid("row", row, format!("less than {}", rows.len())))
         })?;
         let Some((state, episode)) = found.state() else { return Ok(None) };
-        let objects = &self.inner.setup().config().objects;
+        let objects = &batch.setup().config().objects;
         let pose = &state.object.pose;
         let dict = PyDict::new(py);
         dict.set_item("object", objects[episode.object].to_string())?;
@@ -321,20 +328,40 @@ impl Batch {
 }
 
 impl Batch {
-    /// Returns whether a step may take so long that Ctrl-C has to end it early.
-    fn is_slow(&self) -> bool {
-        self.inner.setup().config().tactile.is_slow()
-    }
-
-    fn rows<'py>(&self, py: Python<'py>, values: Vec<f32>) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let rows = self.inner.rows().len();
-        PyArray1::from_vec(py, values).reshape([rows, self.inner.setup().layout().size()])
+    /// The batch, or an error while another thread has it.
+    fn held(&self) -> PyResult<MutexGuard<'_, ruffini_core::env::Batch>> {
+        match self.inner.try_lock() {
+            Ok(batch) => Ok(batch),
+            // A panic has been told in Python, where rows may be reset.
+            Err(TryLockError::Poisoned(error)) => Ok(error.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "environments: found in another call, expected one thread at a time; make \
+                 environments for each thread, or one vector environment with more rows",
+            )),
+        }
     }
 }
 
-/// Runs `work` without the GIL; Ctrl-C ends it early if it `is_slow`, for a thread's time.
-fn patient<T: Send>(py: Python<'_>, is_slow: bool, work: impl FnOnce() -> T + Send) -> PyResult<T> {
-    if is_slow { interruptible(py, work) } else { Ok(py.detach(work)) }
+/// Observations (N, D).
+fn rows<'py>(
+    py: Python<'py>,
+    batch: &ruffini_core::env::Batch,
+    values: Vec<f32>,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    PyArray1::from_vec(py, values).reshape([batch.rows().len(), batch.setup().layout().size()])
+}
+
+/// Runs `work` without the GIL; Ctrl-C ends it early, for a thread's time, if steps may be slow.
+fn patient<T: Send>(
+    py: Python<'_>,
+    batch: &mut ruffini_core::env::Batch,
+    work: impl FnOnce(&mut ruffini_core::env::Batch) -> T + Send,
+) -> PyResult<T> {
+    if batch.setup().config().tactile.is_slow() {
+        interruptible(py, || work(batch))
+    } else {
+        Ok(py.detach(|| work(batch)))
+    }
 }
 
 /// Description of tasks, channels and settings as JSON.

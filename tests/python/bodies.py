@@ -62,3 +62,23 @@ def gel(cells: int = 2, **options) -> ruffini.SoftBody:
     mesh = block(cells)
     base = np.flatnonzero(mesh.vertices[:, 2] < -3.999e-3)
     return ruffini.SoftBody(mesh, **{"young": 2e5, "poisson": 0.45, "fixed": base} | options)
+
+
+CORNER = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+"""Faces of a tetrahedron."""
+SHAPES = {
+    "sphere": BALL,
+    "cuboid": Shape.cuboid([1e-3, 2e-3, 3e-3]),
+    "cylinder": Shape.cylinder(3e-3, 2e-3),
+    "capsule": Shape.capsule(2e-3, 2e-3),
+    "cone": Shape.cone(3e-3, 2e-3),
+    "prism": Shape.prism(6, 3e-3, 2e-3),
+    "annulus": Shape.annulus(4e-3, 2e-3, 2e-3),
+    "ellipsoid": Shape.ellipsoid((2e-3, 3e-3, 4e-3)),
+    "cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4),
+    "rounded cuboid": Shape.cuboid([1e-3, 2e-3, 3e-3]).rounded(4e-4),
+    "rounded cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4).rounded(2e-4),
+    "star_shaped": Shape.star_shaped([3e-3, 3e-3, 4e-3], [(0.1, [2.0, 0.0, 1.0], 0.5)]),
+    "half_space": PLATE,
+    "mesh": Shape.mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 5e-3, CORNER),
+}

@@ -64,7 +64,6 @@ def test_a_task_has_many_spellings():
         ("GraspLft", "task: found 'GraspLft', did you mean 'GraspLift'? expected one of"),
         ("GraspLift-v9", "task: found 'GraspLift-v9'"),
         ("", "task: found ''"),
-        ("none.safetensors", "none.safetensors: No such file"),
         ("runs/none", "run: found none in runs/none, expected the folder of a training run"),
         (".safetensors/", "the path of a .safetensors file, the folder of a run, or one of: "),
     ],
@@ -73,6 +72,11 @@ def test_an_unknown_agent_is_named_with_those_that_are_known(name, text):
     with pytest.raises(ValueError) as raised:
         load(name)
     assert text in str(raised.value) and "\n" not in str(raised.value)
+
+
+def test_a_file_that_is_not_there_is_no_agent():
+    with pytest.raises(FileNotFoundError, match=r"none\.safetensors"):
+        load("none.safetensors")
 
 
 def test_a_file_brings_back_the_agent(tmp_path):

@@ -1,4 +1,7 @@
-"""Bad input of any kind raises a ``ValueError`` that states what was found and expected."""
+"""Bad input of any kind raises a ``ValueError`` that states what was found and expected.
+
+Of a file that is not there it is a ``FileNotFoundError``.
+"""
 
 from __future__ import annotations
 
@@ -61,9 +64,12 @@ NAMES = [*SETTINGS, *GraspLiftVectorEnv._ARGUMENTS, "nonsense", "scene", "reward
 
 
 def outcome(make, *arguments, **keywords) -> str:
-    """``"fine"`` or the message of a bad value or unknown name; anything else fails the test."""
+    """``"fine"`` or the message of a bad value, name or file; anything else fails the test."""
     try:
         make(*arguments, **keywords)
+    except FileNotFoundError as error:
+        assert error.filename is not None, error
+        return str(error)
     except ValueError as error:
         assert len(str(error)) > 10, error
         return str(error)

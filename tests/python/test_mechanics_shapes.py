@@ -8,37 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bodies import BALL, PLATE, RADIUS
+from bodies import BALL, CORNER, RADIUS, SHAPES
 
 import ruffini
 from ruffini import Shape, TetMesh
 from ruffini._schema import SHAPES as KINDS
 from ruffini.commands.press import touching_height
 from ruffini.commands.shapes import shape as parsed
-
-CORNER = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
-"""Faces of a tetrahedron."""
-SHAPES = {
-    "sphere": BALL,
-    "cuboid": Shape.cuboid([1e-3, 2e-3, 3e-3]),
-    "cylinder": Shape.cylinder(3e-3, 2e-3),
-    "capsule": Shape.capsule(2e-3, 2e-3),
-    "cone": Shape.cone(3e-3, 2e-3),
-    "prism": Shape.prism(6, 3e-3, 2e-3),
-    "annulus": Shape.annulus(4e-3, 2e-3, 2e-3),
-    "ellipsoid": Shape.ellipsoid((2e-3, 3e-3, 4e-3)),
-    "cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4),
-    "rounded cuboid": Shape.cuboid([1e-3, 2e-3, 3e-3]).rounded(4e-4),
-    "rounded cup": Shape.cup(3e-3, 4e-3, 3e-3, 5e-4).rounded(2e-4),
-    "star_shaped": Shape.star_shaped([3e-3, 3e-3, 4e-3], [(0.1, [2.0, 0.0, 1.0], 0.5)]),
-    "half_space": PLATE,
-    "mesh": Shape.mesh(
-        *[
-            np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 5e-3,
-            [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
-        ]
-    ),
-}
 
 
 @pytest.mark.parametrize("name", SHAPES)

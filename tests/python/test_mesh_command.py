@@ -206,7 +206,7 @@ def test_parts_and_an_origin_beside_the_middle_are_told(tmp_path, capsys):
 def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):
     for words in (["mesh"], ["press", "--sensor", "digit", "--depth", "1e-4", "--shape"]):
         assert main([*words, "none.obj"]) == 2
-        assert capsys.readouterr().err.startswith("ruffini: none.obj: no such file")
+        assert capsys.readouterr().err.startswith("ruffini: none.obj: No such file or dir")
 
 
 def test_random_bytes_are_no_stl_file(tmp_path, capsys):

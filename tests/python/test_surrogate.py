@@ -212,7 +212,7 @@ def test_bad_arguments_are_named(arguments, message):
 
 def test_files_that_are_no_weights_are_named(tmp_path):
     path = tmp_path / "notes.safetensors"
-    with pytest.raises(ValueError, match=r"notes\.safetensors"):
+    with pytest.raises(FileNotFoundError, match=r"notes\.safetensors"):
         Surrogate.load(path)
     path.write_bytes(b"\xff" * 64)
     with pytest.raises(ValueError, match=r"notes\.safetensors"):
@@ -354,7 +354,7 @@ def test_bad_training_is_named(data, tmp_path):
     ]:
         with pytest.raises(ValueError, match=message):
             surrogate.train(data, tmp_path, **settings)
-    with pytest.raises(ValueError, match=r"config\.json"):
+    with pytest.raises(FileNotFoundError, match=r"config\.json"):
         surrogate.train(tmp_path / "nothing", tmp_path)
 
 

@@ -487,7 +487,6 @@ def test_a_picture_shows_stress_beside_the_scene_and_changes_nothing():
         ({"tactile": "touchy"}, "tactile: unknown variant `touchy`, expected one of `none`"),
         ({"tactile": 3}, "tactile"),
         ({"sensor": "gelsight"}, "sensor: found gelsight, did you mean 'gelsight-mini'"),
-        ({"sensor": "no-such.toml"}, "no-such.toml"),
         ({"material": "steel"}, "material: found steel, expected one of tacflex, feats"),
         ({"material": {"young": 1e5}}, "missing field `poisson`"),
         ({"material": {"young": -1.0, "poisson": 0.3}}, "young"),
@@ -508,6 +507,15 @@ def test_bad_settings_are_named(settings, message):
         GraspLiftEnv(**{**OVER_OBJECT, **settings})
 
 
+@pytest.mark.parametrize(
+    ("setting", "file"), [("sensor", "none.toml"), ("network", "none.safetensors")]
+)
+def test_a_file_that_is_not_there_is_no_setting(setting, file):
+    with pytest.raises(FileNotFoundError, match=file) as raised:
+        gym.make("ruffini/GraspLift-v0", **{setting: file})
+    assert raised.value.filename == file
+
+
 def test_a_network_of_ones_own_is_felt_with():
     weights = Path(__file__).parents[2] / "env-core/assets/weights/pads.safetensors"
     settings = {"objects": "sphere", "observation": ["markers", "wrench"], "start": 0.0}
@@ -521,7 +529,6 @@ def test_a_network_of_ones_own_is_felt_with():
         np.testing.assert_array_equal(felt[0][name], felt[1][name])
     agent = Path(ruffini.agents.__file__).parent / "HoldStill-v0.safetensors"
     for wrong, text in (
-        ({"network": "none.safetensors"}, "none.safetensors"),
         ({"network": agent}, "HoldStill-v0.safetensors"),
         ({"network": weights, "tactile": "compliance"}, "network: found .*, expected none where"),
     ):

@@ -6,6 +6,7 @@ import json
 import pickle
 from functools import cache
 from inspect import signature
+from threading import Thread
 
 import gymnasium as gym
 import numpy as np
@@ -293,3 +294,24 @@ def memory() -> bytes:
 def test_memory_does_not_grow():
     one, grown = json.loads(fresh(memory))
     assert one < 1e6 and grown < 5e6, f"{one:.0f} bytes, {grown:.0f} in 50,000 steps"
+
+
+def test_threads_that_share_environments_are_told():
+    envs = GraspLiftVectorEnv(8)
+    envs.reset(seed=0)
+    said, acts = [], np.zeros((8, 5))
+
+    def work():
+        while not said:
+            try:
+                envs.step(acts)
+            except RuntimeError as error:
+                said.append(str(error))
+
+    threads = [Thread(target=work, daemon=True) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert "found in another call, expected one thread at a time" in said[0]
+    envs.step(acts)

@@ -210,7 +210,10 @@ impl Press {
         }
         let direction = Unit::try_new(direction, 1e-12)
             .filter(|d| d.iter().all(|x| x.is_finite()))
-            .ok_or_else(|| Error::invalid("direction", direction, "a vector with a length"))?;
+            .ok_or_else(|| {
+                let found = format!("{:?}", direction.data.0[0]);
+                Error::invalid("direction", found, "a vector with a length")
+            })?;
         Self::new(shapes, Drive::Force { poses, force, direction })
     }
 

@@ -56,6 +56,8 @@ type Triangles = (Vec<[f64; 3]>, Vec<[u32; 3]>);
 
 fn read_obj(path: &Path) -> Result<Triangles> {
     let options = tobj::LoadOptions { triangulate: true, ..Default::default() };
+    // The parser does not say why it cannot open a file.
+    File::open(path).map_err(|error| Error::file(path, error))?;
     let (models, _) = tobj::load_obj(path, &options).map_err(|error| Error::file(path, error))?;
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for model in models {

@@ -17,6 +17,7 @@ mod rigid_fit;
 mod rounded;
 mod sampled;
 mod shape;
+mod shape_bytes;
 mod star_shaped;
 mod stuffing;
 mod surface;

@@ -7,6 +7,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Point3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::{
     Distance, Shape, Surface,
@@ -17,7 +18,7 @@ use super::{
 };
 
 /// A solid with its convex edges rounded; see [`Shape::rounded`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rounded {
     sharp: Box<Shape>,
     radius: f64,
@@ -25,7 +26,7 @@ pub struct Rounded {
 }
 
 /// The solid shrunk by the radius.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 enum Core {
     /// Cuboid, prism, cylinder or annulus about the origin.
     Solid(Box<Shape>),

@@ -8,6 +8,7 @@
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
 use super::{Distance, Shape, Surface};
 
@@ -89,6 +90,23 @@ impl Sampled {
     /// of the radius, of which the coarse spacing is a fortieth or more.
     pub(super) fn distance_error(&self) -> f64 {
         self.1 * self.0.coarse.spacing
+    }
+}
+
+impl Serialize for Sampled {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        (self.exact(), self.1).serialize(to)
+    }
+}
+
+/// The solid is sampled again, unless it is in use.
+impl<'de> Deserialize<'de> for Sampled {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let (exact, scale) = <(Shape, f64)>::deserialize(from)?;
+        match exact.validated().map_err(D::Error::custom)?.sampled() {
+            Shape::Sampled(Self(samples, _)) => Ok(Self(samples, scale)),
+            other => Err(D::Error::custom(format!("a {} is not sampled", other.name()))),
+        }
     }
 }
 

@@ -10,17 +10,19 @@ use std::{
 };
 
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::{
     Distance, Hollow, Rounded, Sampled, StarShaped, Surface,
     distance::{ellipsoid, solids},
     length::{LARGEST, SMALLEST, length, less},
+    shape_bytes,
 };
 use crate::{Error, Result};
 
 /// A closed solid in its own frame (m).
 #[non_exhaustive]
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Shape {
     /// Ball.
     Sphere {
@@ -96,7 +98,7 @@ pub enum Shape {
     /// Solid under the plane z = 0. It has no surface of finite size.
     HalfSpace,
     /// Solid inside a watertight surface.
-    Mesh(Arc<Surface>),
+    Mesh(#[serde(with = "shape_bytes")] Arc<Surface>),
     /// One of the other solids with its distances tabulated on grids: see [`Shape::sampled`].
     Sampled(Sampled),
 }

@@ -1,6 +1,7 @@
 //! Smooth star-shaped solids: fruit, potatoes, blobs.
 
 use nalgebra::{Matrix3, Unit, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::{
     Surface,
@@ -12,16 +13,17 @@ use crate::{Error, Result};
 /// An ellipsoid modulated by plane waves and bumps over the unit sphere:
 /// r(d) = r₀(d) (1 + Σᵢ aᵢ cos(kᵢ·d + φᵢ) + Σⱼ bⱼ exp(κⱼ (cⱼ·d − 1))), |d| = 1, r₀ the ellipsoid's
 /// radius along d.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StarShaped {
     semi_axes: Vector3<f64>,
     waves: Vec<Wave>,
     bumps: Vec<Bump>,
+    #[serde(skip)]
     pub(super) facets: Cached<Surface>,
 }
 
 /// One modulation of a [`StarShaped`] solid.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Wave {
     /// Relative amplitude a.
     pub amplitude: f64,
@@ -33,7 +35,7 @@ pub struct Wave {
 
 /// A bump or a dimple of a [`StarShaped`] solid, with the profile of a von Mises–Fisher
 /// distribution.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bump {
     /// Relative height b, negative for a dimple.
     pub amplitude: f64,
@@ -161,7 +163,7 @@ impl StarShaped {
 }
 
 /// A star-shaped solid with a concentric cavity of the same form, such as a hollow fruit.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hollow {
     solid: StarShaped,
     cavity: f64,

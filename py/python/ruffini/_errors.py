@@ -1,13 +1,33 @@
-"""Errors of one answer against another on the same mesh."""
+"""Errors of one answer against another on the same mesh, and answers that are none."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import Deformation
+from ruffini._core import Deformation, Grasped, PaperAnswer, PressError
+
+_OF_ANSWERS = {
+    name
+    for answer in (Deformation, Grasped, PaperAnswer)
+    for name in vars(answer)
+    if not name.startswith("_")
+}
+
+
+def _unsolved(error: PressError, name: str) -> NoReturn:
+    """Raise the error in place of an answer whose attribute is asked for."""
+    if name not in _OF_ANSWERS:
+        raise AttributeError(f"'PressError' object has no attribute {name!r}")
+    kind = vars(error).get("kind", "of no kind")
+    raised = PressError(f"{name}: found none, for the press was not solved ({kind}): {error}")
+    vars(raised).update(vars(error))
+    raise raised
+
+
+PressError.__getattr__ = _unsolved  # type: ignore[method-assign]
 
 
 def relative_error(answer: Deformation, reference: Deformation) -> tuple[float, float, float]:

@@ -133,10 +133,9 @@ _PLAIN = [
         (r"\bexpected struct \w+", "expected a mapping"),
         (r"\bexpected usize\b|\bexpected u\d+\b", "expected a whole number from 0"),
         (r"\bexpected f\d+\b", "expected a number"),
-        (r": open file failed$", ": no such file, or it cannot be read"),
     )
 ]
-"""Words of serde and of readers of meshes in Rust, and what stands in their place."""
+"""Words of serde in Rust, and what stands in their place."""
 _NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
 """A word that is no misspelt other one."""
 _BETWEEN = re.compile(r"one or more of |,? or |, |: |of | for |channels ")

@@ -526,7 +526,8 @@ def open(path: str | PathLike[str]) -> Dataset:
     """Open the finished dataset in a folder.
 
     Raises:
-        ValueError: If there is none.
+        FileNotFoundError: If there is none.
+        ValueError: If its manifest is damaged, or of a later version.
     """
     return Dataset(path)
 
@@ -565,7 +566,8 @@ def _manifest(folder: Path) -> dict[str, Any]:
         expected = "a finished dataset"
         if (folder / "config.json").exists():
             expected += "; the `ruffini dataset generate` that began it, given again, finishes it"
-        raise ValueError(f"{path}: {error.strerror}, expected {expected}") from error
+        text = f"{error.strerror}, expected {expected}"
+        raise FileNotFoundError(error.errno, text, str(path)) from None
     for name, kind in _OF_A_MANIFEST.items():
         if not isinstance(manifest.get(name), kind):
             raise ValueError(f"{path}: damaged, found no {name}")

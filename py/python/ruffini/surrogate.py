@@ -81,6 +81,7 @@ def train(
             is not reproducible.
 
     Raises:
+        FileNotFoundError: If there is no such dataset.
         ValueError: If a setting is invalid or not one of the variant, the dataset cannot be read,
             or `out` holds another run.
         SimulationError: If a gradient is not finite.
@@ -124,6 +125,7 @@ def evaluate(
         absolute ``displacement_mae`` (m) and ``stress_mae`` (Pa).
 
     Raises:
+        FileNotFoundError: If there are no such weights, or no such dataset.
         ValueError: If the weights, the dataset or the split cannot be read.
     """
     with naming_nearest():

@@ -3,13 +3,12 @@
 use nalgebra::Isometry3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::{
-    IntoPyObjectExt,
     prelude::*,
     types::{PyBytes, PyType},
 };
-use ruffini_core::{deformation, geometry::Shape};
+use ruffini_core::deformation;
 
-use super::arrays::array_of_vectors;
+use super::{Shape, arrays::array_of_vectors, press};
 use crate::error::python_error;
 
 /// Equilibrium of a soft body with the shapes that press it, in the frame of the body.
@@ -51,7 +50,7 @@ pub(crate) struct Deformation {
     #[pyo3(get)]
     predicted_error: Option<(f64, f64, f64)>,
     /// Shapes that pressed, for [`Surrogate::is_in_distribution`](super::surrogate::Surrogate).
-    pub(super) shapes: Vec<Shape>,
+    pub(super) shapes: Vec<Py<Shape>>,
 }
 
 impl Deformation {
@@ -60,14 +59,11 @@ impl Deformation {
     pub(super) fn of(
         py: Python<'_>,
         answer: deformation::Deformation,
-        shapes: Vec<Shape>,
+        shapes: Vec<Py<Shape>>,
         single: bool,
     ) -> PyResult<Self> {
         let wrench = answer.wrench.force.iter().chain(answer.wrench.torque.iter());
-        let pose = match &answer.poses[..] {
-            [one] if single => pose(py, one).into_py_any(py)?,
-            all => all.iter().map(|one| pose(py, one)).collect::<Vec<_>>().into_py_any(py)?,
-        };
+        let pose = press::frame_as_given(py, &answer.poses, single)?.unbind();
         let error = answer.predicted_error;
         Ok(Self {
             displacement: array_of_vectors(py, &answer.displacement).unbind(),
@@ -86,11 +82,27 @@ impl Deformation {
     }
 }
 
+/// Fields of a `Deformation`, in order.
+type Fields = (
+    Py<PyArray2<f64>>,
+    Py<PyArray1<f64>>,
+    Py<PyArray2<f64>>,
+    Py<PyArray1<f64>>,
+    f64,
+    Py<PyAny>,
+    Py<History>,
+    usize,
+    f64,
+    f64,
+    Option<(f64, f64, f64)>,
+    Vec<Py<Shape>>,
+);
+
 /// Position (3,) and quaternion (4,).
-pub(super) fn pose<'py>(
-    py: Python<'py>,
-    pose: &Isometry3<f64>,
-) -> (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>) {
+pub(super) type Pose<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Converts a pose.
+pub(super) fn pose<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> Pose<'py> {
     let position = pose.translation.vector.as_slice().to_vec();
     (
         PyArray1::from_vec(py, position),
@@ -100,6 +112,60 @@ pub(super) fn pose<'py>(
 
 #[pymethods]
 impl Deformation {
+    /// Restores an answer from its fields, as they are pickled.
+    #[staticmethod]
+    fn _restore(fields: Fields) -> Self {
+        let (
+            displacement,
+            von_mises,
+            contact_force,
+            wrench,
+            sliding,
+            pose,
+            history,
+            iterations,
+            residual,
+            seconds,
+            predicted_error,
+            shapes,
+        ) = fields;
+        Self {
+            displacement,
+            von_mises,
+            contact_force,
+            wrench,
+            sliding,
+            pose,
+            history,
+            iterations,
+            residual,
+            seconds,
+            predicted_error,
+            shapes,
+        }
+    }
+
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Fields,))> {
+        let fields = (
+            self.displacement.clone_ref(py),
+            self.von_mises.clone_ref(py),
+            self.contact_force.clone_ref(py),
+            self.wrench.clone_ref(py),
+            self.sliding,
+            self.pose.clone_ref(py),
+            self.history.clone_ref(py),
+            self.iterations,
+            self.residual,
+            self.seconds,
+            self.predicted_error,
+            self.shapes.iter().map(|shape| shape.clone_ref(py)).collect(),
+        );
+        Ok((py.get_type::<Self>().getattr("_restore")?, (fields,)))
+    }
+
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let wrench = self.wrench.bind(py).call_method0("tolist")?.extract::<Vec<f64>>()?;
         let [x, y, z] = [0, 1, 2].map(|i| wrench[i]);
@@ -132,6 +198,11 @@ impl History {
     fn new(state: &[u8]) -> PyResult<Self> {
         let inner = deformation::History::from_bytes(state).map_err(python_error)?;
         Ok(Self { inner })
+    }
+
+    fn __repr__(&self) -> String {
+        let (nodes, sticking) = (self.inner.displacement.len(), self.inner.anchors.len());
+        format!("<ruffini.History of {nodes} nodes, {sticking} points in contact>")
     }
 
     fn __bytes__<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {

@@ -25,14 +25,32 @@ pub(crate) fn ranged(name: &str, value: i64, range: RangeInclusive<i64>) -> PyRe
     within.ok_or_else(|| refused(name, value, expected))
 }
 
+/// Returns `value` as a count, or an error if it is negative. What else is `expected`, the crate checks.
+pub(crate) fn count(name: &str, value: i64, expected: &str) -> PyResult<usize> {
+    usize::try_from(value).map_err(|_| refused(name, value, expected))
+}
+
 /// Finite numbers in C order, and the shape of the array that held them.
 pub(crate) fn numbers(
     name: &str,
     found: &Bound<'_, PyAny>,
     expected: &str,
 ) -> PyResult<(Vec<f64>, Vec<usize>)> {
+    let (values, shape) = numbers_or_nan(name, found, expected)?;
+    match values.iter().find(|x| x.is_nan()) {
+        Some(x) => Err(refused(name, x, "finite numbers")),
+        None => Ok((values, shape)),
+    }
+}
+
+/// As `numbers`, of which some may be NaN.
+pub(crate) fn numbers_or_nan(
+    name: &str,
+    found: &Bound<'_, PyAny>,
+    expected: &str,
+) -> PyResult<(Vec<f64>, Vec<usize>)> {
     let (values, shape) = array::<f64>(name, found, expected, b"fiu")?;
-    match values.iter().find(|x| !x.is_finite()) {
+    match values.iter().find(|x| x.is_infinite()) {
         Some(x) => Err(refused(name, x, "finite numbers")),
         None => Ok((values, shape)),
     }
@@ -75,14 +93,25 @@ pub(crate) fn index_rows<const N: usize>(
     Ok(unsigned(name, values)?.as_chunks().0.to_vec())
 }
 
-/// List of indices, from an array (…,).
-pub(crate) fn indices(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Vec<u32>> {
+/// List of indices, from an array of them (…,), or of `length` booleans that are true for them.
+pub(crate) fn indices(
+    name: &str,
+    found: &Bound<'_, PyAny>,
+    length: usize,
+) -> PyResult<Vec<u32>> {
     // numpy converts an empty list to an array of floats.
     if found.len().is_ok_and(|length| length == 0) {
         return Ok(Vec::new());
     }
-    let expected = "integers (…,)";
-    let (values, shape) = array::<i64>(name, found, expected, b"iu")?;
+    let expected = format!("integers (…,), or booleans ({length},)");
+    if let Ok((chosen, shape)) = array::<bool>(name, found, &expected, b"b") {
+        if shape != [length] {
+            let found = format!("{} of bool", Shown(&shape));
+            return Err(refused(name, found, expected));
+        }
+        return Ok((0..).zip(chosen).filter_map(|(i, chosen)| chosen.then_some(i)).collect());
+    }
+    let (values, shape) = array::<i64>(name, found, &expected, b"iu")?;
     if shape.len() != 1 {
         return Err(refused(name, Shown(&shape), expected));
     }

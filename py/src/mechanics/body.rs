@@ -2,16 +2,16 @@
 
 use nalgebra::Point3;
 use numpy::PyArray1;
-use pyo3::prelude::*;
+use pyo3::{IntoPyObjectExt, prelude::*};
 use ruffini_core::{
-    Result,
+    Error, Result,
     deformation::{self, Law, Moduli},
     sensor::Sensor,
 };
 
 use super::{
     Press, TetMesh,
-    arrays::{indices, numbers, read_only, refused, rows},
+    arrays::{count, indices, numbers, read_only, rows, refused},
 };
 use crate::error::python_error;
 
@@ -30,7 +30,8 @@ const RESOLUTION: usize = 2000;
 ///         "stable-neo-hookean" mu/2 (I1 - 3) - mu (J - 1) + (lambda + mu)/2 (J - 1)^2;
 ///         "corotated" mu |F - R|^2 + lambda/2 (J - 1)^2, R the rotation nearest to F;
 ///         "linear" mu e:e + lambda/2 (tr e)^2, e = sym(F - 1): small strains and rotations only.
-///     fixed: Nodes that never move, counted from 0; the body is free if there are none.
+///     fixed: Nodes that never move, counted from 0, or booleans (V,) that are true for them; the body
+///         is free if there are none.
 ///
 /// Raises:
 ///     ValueError: If a modulus, the law or a node is not valid.
@@ -56,9 +57,9 @@ impl SoftBody {
         law: &str,
         fixed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let tets = mesh.get().inner.tets.len();
+        let (nodes, tets) = (mesh.get().inner.vertices.len(), mesh.get().inner.tets.len());
         let moduli = young_moduli(young, tets)?.into_iter().map(|young| Moduli { young, poisson });
-        let fixed = fixed.map_or(Ok(Vec::new()), |nodes| indices("fixed", nodes))?;
+        let fixed = fixed.map_or(Ok(Vec::new()), |found| indices("fixed", found, nodes))?;
         let law = law.parse().map_err(python_error)?;
         let solid = mesh.get().inner.clone();
         let inner = deformation::SoftBody::graded(solid, law, moduli.collect(), &fixed);
@@ -71,18 +72,55 @@ impl SoftBody {
         self.inner.law().to_string()
     }
 
+    /// Young's modulus (Pa): one number, or an array (T,) if it is not the same everywhere.
+    #[getter]
+    fn young<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let young = || self.inner.moduli().iter().map(|moduli| moduli.young);
+        let first = self.inner.moduli()[0].young;
+        if young().all(|other| other == first) {
+            return first.into_bound_py_any(py);
+        }
+        Ok(PyArray1::from_iter(py, young()).into_any())
+    }
+
+    /// Poisson's ratio.
+    #[getter]
+    fn poisson(&self) -> f64 {
+        self.inner.moduli()[0].poisson
+    }
+
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> PyResult<Arguments<'py>> {
+        let (mesh, fixed) = (self.mesh.bind(py).clone(), self.fixed.bind(py).clone());
+        Ok((mesh, self.young(py)?, self.poisson(), self.law(), fixed))
+    }
+
     fn __repr__(&self) -> String {
-        let (mesh, fixed) = (self.inner.mesh(), self.inner.fixed().len());
-        let (vertices, tets) = (mesh.vertices.len(), mesh.tets.len());
-        let law = self.inner.law();
-        format!("<ruffini.SoftBody {law}, {vertices} nodes ({fixed} fixed), {tets} tetrahedra>")
+        format!("<ruffini.SoftBody {}>", self.about())
     }
 }
+
+/// Arguments of `SoftBody`.
+type Arguments<'py> =
+    (Bound<'py, TetMesh>, Bound<'py, PyAny>, f64, String, Bound<'py, PyArray1<u32>>);
 
 impl SoftBody {
     /// Wraps a body of the Rust crate.
     pub(super) fn from_core(py: Python<'_>, inner: deformation::SoftBody) -> PyResult<Self> {
         Self::of(Bound::new(py, TetMesh::of(py, inner.mesh().clone())?)?, inner)
+    }
+
+    /// Material and size, in words.
+    pub(super) fn about(&self) -> String {
+        let (mesh, fixed, law) = (self.inner.mesh(), self.inner.fixed().len(), self.inner.law());
+        let (nodes, tets) = (mesh.vertices.len(), mesh.tets.len());
+        let young = || self.inner.moduli().iter().map(|moduli| moduli.young);
+        let [low, high] = [young().fold(f64::INFINITY, f64::min), young().fold(0.0, f64::max)];
+        let young = if low == high { format!("{low:e}") } else { format!("{low:e} to {high:e}") };
+        let poisson = self.poisson();
+        format!(
+            "{law}, young {young} Pa, poisson {poisson}, {nodes} nodes ({fixed} fixed), \
+             {tets} tetrahedra"
+        )
     }
 
     fn of(mesh: Bound<'_, TetMesh>, inner: deformation::SoftBody) -> PyResult<Self> {
@@ -119,6 +157,7 @@ fn young_moduli(young: &Bound<'_, PyAny>, tets: usize) -> PyResult<Vec<f64>> {
 ///         everywhere. The middle of the face if not given.
 ///
 /// Raises:
+///     FileNotFoundError: If there is no such file.
 ///     ValueError: If the sensor or the calibration is not known, or the resolution is not 100 to
 ///         200,000.
 #[pyfunction]
@@ -130,13 +169,24 @@ pub(crate) fn sensor(
     resolution: Option<i64>,
     around: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<SoftBody> {
-    let nodes = resolution.map_or(Ok(RESOLUTION), |nodes| {
-        usize::try_from(nodes).map_err(|_| refused("resolution", nodes, "100 nodes or more"))
-    })?;
+    let nodes = resolution.map_or(Ok(RESOLUTION), nodes_of)?;
     let around = around.map(Around::from_python).transpose()?;
     let inner = || pad(name, calibration, nodes, around.as_ref());
-    let inner = py.detach(inner).map_err(python_error)?;
+    let inner = py.detach(inner).map_err(pad_error)?;
     SoftBody::from_core(py, inner)
+}
+
+/// Number of nodes that a `resolution` asks for.
+pub(super) fn nodes_of(resolution: i64) -> PyResult<usize> {
+    count("resolution", resolution, "100 to 200000")
+}
+
+/// Converts an error of a pad's mesh, whose `nodes` are the `resolution` in Python.
+pub(super) fn pad_error(error: Error) -> PyErr {
+    python_error(match &error {
+        Error::Invalid { name, .. } if name == "nodes" => error.renamed("resolution"),
+        _ => error,
+    })
 }
 
 /// Where a mesh is to be fine.

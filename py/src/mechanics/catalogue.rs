@@ -1,18 +1,15 @@
 //! Objects of the dataset, and grasps of them.
 
-use numpy::PyArray1;
 use pyo3::prelude::*;
 use ruffini_core::objects::GraspSampler;
 
 use super::{
-    Shape, TetMesh, answer,
+    Shape, TetMesh,
+    answer::{self, Pose},
     arrays::{ranged, refused},
     shape::Triangles,
 };
 use crate::error::python_error;
-
-/// Position (3,) and quaternion (4,).
-type Pose<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
 /// Greatest number of grasps of one object that are drawn at once.
 const MOST_GRASPS: i64 = 10_000;
@@ -120,7 +117,8 @@ impl Object {
     }
 
     fn __repr__(&self) -> String {
-        format!("<ruffini.Object {}>", self.inner.name)
+        let ruffini_core::objects::Object { name, split, shape, .. } = &self.inner;
+        format!("<ruffini.Object {name}, {split}, {}>", shape.name())
     }
 }
 

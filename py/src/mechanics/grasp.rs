@@ -1,11 +1,13 @@
 //! Rigid objects held between two soft pads.
 
 use nalgebra::{Isometry3, Vector3};
+use numpy::PyArray1;
 use pyo3::{IntoPyObjectExt, prelude::*};
 use ruffini_core::{Result, deformation::Wrench, fem};
 
 use super::{
-    Deformation, Fem, Shape, answer,
+    Deformation, Fem, Shape,
+    answer::{self, Pose},
     arrays::{refused, vector},
     press,
 };
@@ -66,17 +68,53 @@ impl Grasp {
     fn solve<'py>(
         &self,
         py: Python<'py>,
-        pads: (Bound<'py, Fem>, Bound<'py, Fem>),
+        pads: [Bound<'py, Fem>; 2],
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
-        let (left, right) = (&pads.0.get().model, &pads.1.get().model);
-        let frames = in_pool(py, || self.inner.solve([left, right]))?;
+        let models = pads.each_ref().map(|pad| &pad.get().model);
+        let frames = in_pool(py, || self.inner.solve(models))?;
         frames.into_iter().map(|frame| slot(py, frame)).collect()
     }
 
+    /// The object.
+    #[getter]
+    fn object(&self) -> Shape {
+        Shape { inner: self.inner.object.clone() }
+    }
+
+    /// Poses of the left and the right pad, a pair for each frame.
+    #[getter]
+    fn path<'py>(&self, py: Python<'py>) -> Vec<(Pose<'py>, Pose<'py>)> {
+        let pair = |[left, right]: &[Isometry3<f64>; 2]| {
+            (answer::pose(py, left), answer::pose(py, right))
+        };
+        self.inner.path.iter().map(pair).collect()
+    }
+
+    /// Pose of the object where the grasp begins.
+    #[getter]
+    fn start<'py>(&self, py: Python<'py>) -> Pose<'py> {
+        answer::pose(py, &self.inner.start)
+    }
+
+    /// Further load on the object (6,) in N and N m.
+    #[getter]
+    fn load<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let Wrench { force, torque } = &self.inner.load;
+        PyArray1::from_iter(py, force.iter().chain(torque).copied())
+    }
+
+    fn __getnewargs__<'py>(&self, py: Python<'py>) -> Arguments<'py> {
+        (self.object(), self.path(py), self.start(py), self.load(py))
+    }
+
     fn __repr__(&self) -> String {
-        format!("<ruffini.Grasp of {} frames>", self.inner.path.len())
+        format!("<ruffini.Grasp of {}, {} frames>", self.inner.object.name(), self.inner.path.len())
     }
 }
+
+/// Arguments of `Grasp`.
+type Arguments<'py> =
+    (Shape, Vec<(Pose<'py>, Pose<'py>)>, Pose<'py>, Bound<'py, PyArray1<f64>>);
 
 /// One frame of a `Grasp`: object and pads in equilibrium.
 #[pyclass(frozen, get_all, module = "ruffini")]
@@ -94,11 +132,27 @@ pub(crate) struct Grasped {
 
 #[pymethods]
 impl Grasped {
+    /// Restores a frame from its fields, as they are pickled.
+    #[staticmethod]
+    fn _restore(fields: Fields) -> Self {
+        let (pads, object, residual, seconds) = fields;
+        Self { pads, object, residual, seconds }
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Fields,))> {
+        let pads = (self.pads.0.clone_ref(py), self.pads.1.clone_ref(py));
+        let fields = (pads, self.object.clone_ref(py), self.residual, self.seconds);
+        Ok((py.get_type::<Self>().getattr("_restore")?, (fields,)))
+    }
+
     fn __repr__(&self) -> String {
         let Self { residual, seconds, .. } = self;
         format!("<ruffini.Grasped residual {residual:.1e} N, {seconds:.2} s>")
     }
 }
+
+/// Fields of a `Grasped`, in order.
+type Fields = ((Py<Deformation>, Py<Deformation>), Py<PyAny>, f64, f64);
 
 /// Converts a frame, or the error in its place.
 fn slot(py: Python<'_>, frame: Result<fem::Grasped>) -> PyResult<Bound<'_, PyAny>> {

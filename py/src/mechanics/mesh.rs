@@ -8,7 +8,7 @@ use ruffini_core::geometry::{self, Field, FieldOn};
 
 use super::{
     Shape,
-    arrays::{Shown, array_of_rows, index_rows, numbers, read_only, refused, rows},
+    arrays::{Shown, array_of_rows, index_rows, numbers, numbers_or_nan, read_only, refused, rows},
 };
 use crate::error::python_error;
 
@@ -50,6 +50,7 @@ impl TetMesh {
     ///     scale: Length of the file's unit (m).
     ///
     /// Raises:
+    ///     FileNotFoundError: If there is no such file.
     ///     ValueError: If the file cannot be read or its mesh cannot be used.
     #[staticmethod]
     #[pyo3(signature = (path, scale=1.0))]
@@ -77,7 +78,7 @@ impl TetMesh {
     ///
     /// Args:
     ///     path: The file; an existing one is replaced.
-    ///     fields: Finite numbers by name: an array (V,) or (V, ...) on the vertices, or (T,) or
+    ///     fields: Numbers by name, finite or NaN: an array (V,) or (V, ...) on the vertices, or (T,) or
     ///         (T, ...) on the tetrahedra; on the vertices where V = T. Names have letters, digits,
     ///         spaces and underscores. Axes after the first are merged into one.
     ///
@@ -89,7 +90,10 @@ impl TetMesh {
         let mut named = Vec::new();
         for item in fields.map_or(Ok(Vec::new()), |fields| fields.items()?.extract())? {
             let (name, values): (String, Bound<'_, PyAny>) = item;
-            let (values, shape) = numbers(&format!("field {name}"), &values, "numbers (V, …)")?;
+            let (values, shape) = {
+                let name = format!("field {name}");
+                numbers_or_nan(&name, &values, "numbers (V, …)")?
+            };
             let (on, components) = self.place(&format!("field {name}"), &shape)?;
             named.push((name, on, components, values));
         }
@@ -143,6 +147,10 @@ impl TetMesh {
         }
         shape[0] = points.len();
         PyArray1::from_vec(py, found).reshape(shape)
+    }
+
+    fn __getnewargs__(&self, py: Python<'_>) -> (Py<PyArray2<f64>>, Py<PyArray2<u32>>) {
+        (self.vertices.clone_ref(py), self.tets.clone_ref(py))
     }
 
     fn __repr__(&self) -> String {

@@ -13,7 +13,9 @@ use ruffini_core::{
 };
 
 use super::{
-    Deformation, History, Press, SoftBody, TetMesh, arrays::array_of_vectors, press::one_or_many,
+    Deformation, History, Press, SoftBody, TetMesh,
+    arrays::{array_of_vectors, count},
+    press::one_or_many,
 };
 use crate::{
     error::{press_error, python_error},
@@ -45,6 +47,15 @@ pub(crate) struct Fem {
     /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
+    /// Coefficient of friction between body and shapes.
+    #[pyo3(get)]
+    friction: f64,
+    /// Norm of the residual force at which a frame has converged (N), as it was given.
+    #[pyo3(get)]
+    tolerance: f64,
+    /// Kind of element.
+    #[pyo3(get)]
+    element: String,
 }
 
 #[pymethods]
@@ -58,12 +69,17 @@ impl Fem {
         tolerance: f64,
         element: &str,
     ) -> PyResult<Self> {
-        let element = element.parse().map_err(python_error)?;
+        let kind = element.parse().map_err(python_error)?;
         let options =
-            fem::FemOptions { element, friction, tolerance, ..fem::FemOptions::default() };
+            fem::FemOptions { element: kind, friction, tolerance, ..fem::FemOptions::default() };
         let solid = body.get().inner.clone();
         let model = py.detach(|| fem::Fem::new(solid, options)).map_err(python_error)?;
-        Ok(Self { model, body })
+        Ok(Self { model, body, friction, tolerance, element: element.to_owned() })
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { body, friction, element, .. } = self;
+        format!("<ruffini.Fem {element}, friction {friction}, {}>", body.get().about())
     }
 
     /// Solves each press and returns its last frame.
@@ -166,6 +182,15 @@ pub(crate) struct Compliance {
     /// Soft body that is pressed.
     #[pyo3(get)]
     body: Py<SoftBody>,
+    /// Coefficient of friction between body and shapes.
+    #[pyo3(get)]
+    friction: f64,
+    /// Greatest number of corrections of a load step.
+    #[pyo3(get)]
+    corrections: usize,
+    /// Places where contact is evaluated.
+    #[pyo3(get)]
+    contact: String,
 }
 
 /// Linear elastic model with contact at points or at nodes.
@@ -209,10 +234,11 @@ impl Compliance {
         py: Python<'_>,
         body: Py<SoftBody>,
         friction: f64,
-        corrections: usize,
+        corrections: i64,
         cache: Option<PathBuf>,
         contact: &str,
     ) -> PyResult<Self> {
+        let corrections = count("corrections", corrections, "0 to 12")?;
         let options = compliance::ComplianceOptions { friction, corrections };
         let solid = body.get().inner.clone();
         let model = in_pool(py, || {
@@ -222,7 +248,17 @@ impl Compliance {
             }?;
             LinearModel::new(model, contact, corrections)
         })?;
-        Ok(Self { model: model.map_err(python_error)?, body })
+        let model = model.map_err(python_error)?;
+        Ok(Self { model, body, friction, corrections, contact: contact.to_owned() })
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { body, friction, corrections, contact, .. } = self;
+        let body = body.get().about();
+        format!(
+            "<ruffini.Compliance contact at {contact}, friction {friction}, \
+             {corrections} corrections, {body}>"
+        )
     }
 
     /// Solves each press and returns its last frame, as Fem.solve.
@@ -285,7 +321,7 @@ pub(super) fn answer<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     match found {
         Ok(found) => {
-            let shapes = press.inner.shapes().to_vec();
+            let shapes = press.shapes.iter().map(|shape| shape.clone_ref(py)).collect();
             Ok(Bound::new(py, Deformation::of(py, found, shapes, press.single)?)?.into_any())
         }
         Err(error) => {

@@ -90,8 +90,9 @@ impl PaperNetwork {
     ///     sensor, calibration, young, poisson, friction: As for PaperNetwork.
     ///
     /// Raises:
-    ///     ValueError: If the file is missing, damaged, of another kind of network, or of one whose
-    ///         input is a force.
+    ///     FileNotFoundError: If there is no such file.
+    ///     ValueError: If the file is damaged, of another kind of network, or of one whose input is a
+    ///         force.
     #[staticmethod]
     #[pyo3(signature = (path, sensor="gelsight-mini", calibration=None, young=None, poisson=None,
         friction=None))]
@@ -111,6 +112,10 @@ impl PaperNetwork {
             paper::PaperNetwork::load(&path, &sensor, moduli, friction)
         })?;
         Self::of(py, model)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.PaperNetwork {}>", self.body.get().about())
     }
 
     /// Description of the weights as JSON: form, training, data, errors on unseen data.

@@ -1,11 +1,15 @@
 //! Presses: rigid shapes and their motion.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
-use pyo3::{PyClass, prelude::*};
-use ruffini_core::deformation;
+use numpy::PyArray1;
+use pyo3::{IntoPyObjectExt, PyClass, prelude::*, types::PyDict};
+use ruffini_core::{
+    deformation::{self, Drive},
+    geometry,
+};
 
 use super::{
-    History, Shape,
+    History, Shape, answer,
     arrays::{refused, vector},
 };
 use crate::error::python_error;
@@ -35,8 +39,14 @@ const POSE: &str = "(position (3,), quaternion xyzw (4,))";
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Press {
     pub(super) inner: deformation::Press,
+    pub(super) shapes: Vec<Py<Shape>>,
     /// `true` if a single shape was given without a list; its pose is then returned without a list.
     pub(super) single: bool,
+    /// Direction of the push (3,), as it was given.
+    direction: Option<[f64; 3]>,
+    /// The history from whose end it continues; None if it starts from rest.
+    #[pyo3(get)]
+    history: Option<Py<History>>,
 }
 
 #[pymethods]
@@ -49,16 +59,17 @@ impl Press {
         pose: Option<&Bound<'_, PyAny>>,
         force: Option<f64>,
         direction: Option<&Bound<'_, PyAny>>,
-        history: Option<&History>,
+        history: Option<Py<History>>,
     ) -> PyResult<Self> {
-        let (shapes, single) = one_or_many::<Shape>("shapes", "Shape", shapes)?;
-        let shapes = shapes.iter().map(|shape| shape.get().inner.clone()).collect();
+        let (given, single) = one_or_many::<Shape>("shapes", "Shape", shapes)?;
+        let shapes = given.iter().map(|shape| shape.get().inner.clone()).collect();
+        let direction = direction.map(|found| vector("direction", found)).transpose()?;
         let press = match (path, pose, force, direction) {
             (Some(path), None, None, None) => deformation::Press::along(shapes, frames(path)?),
             (Some(start), None, Some(force), Some(direction))
             | (None, Some(start), Some(force), Some(direction)) => {
-                let direction = vector("direction", direction)?.into();
-                deformation::Press::with_force(shapes, frame("pose", start)?, force, direction)
+                let start = frame("pose", start)?;
+                deformation::Press::with_force(shapes, start, force, direction.into())
             }
             _ => {
                 let given = [path.is_some(), pose.is_some(), force.is_some(), direction.is_some()];
@@ -68,13 +79,74 @@ impl Press {
                 return Err(refused("press", format!("[{}]", found.join(", ")), expected));
             }
         };
-        let press = match history {
-            Some(history) => press.and_then(|press| press.after(history.inner.clone())),
+        let press = match &history {
+            Some(history) => press.and_then(|press| press.after(history.get().inner.clone())),
             None => press,
         };
-        Ok(Self { inner: press.map_err(python_error)?, single })
+        let inner = press.map_err(python_error)?;
+        let shapes = given.into_iter().map(Bound::unbind).collect();
+        Ok(Self { inner, shapes, single, direction, history })
+    }
+
+    /// The shapes: one if it was given without a list, else a list.
+    #[getter]
+    fn shapes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        as_given(py, self.shapes.iter().map(|shape| shape.clone_ref(py)).collect(), self.single)
+    }
+
+    /// List of frames through which the shapes move; None of a press with a force.
+    #[getter]
+    fn path<'py>(&self, py: Python<'py>) -> PyResult<Option<Vec<Bound<'py, PyAny>>>> {
+        let Drive::Translation { path } = self.inner.drive() else { return Ok(None) };
+        path.iter().map(|poses| frame_as_given(py, poses, self.single)).collect::<PyResult<_>>().map(Some)
+    }
+
+    /// Frame where the push begins; None of a press along a path.
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let Drive::Force { poses, .. } = self.inner.drive() else { return Ok(None) };
+        frame_as_given(py, poses, self.single).map(Some)
+    }
+
+    /// Force at which the push ends (N); None of a press along a path.
+    #[getter]
+    fn force(&self) -> Option<f64> {
+        let Drive::Force { force, .. } = self.inner.drive() else { return None };
+        Some(*force)
+    }
+
+    /// Direction of the push (3,), as it was given; None of a press along a path.
+    #[getter]
+    fn direction<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        self.direction.map(|direction| PyArray1::from_slice(py, &direction))
+    }
+
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<Arguments<'py>> {
+        let named = PyDict::new(py);
+        named.set_item("path", self.path(py)?)?;
+        named.set_item("pose", self.pose(py)?)?;
+        named.set_item("force", self.force())?;
+        named.set_item("direction", self.direction(py))?;
+        named.set_item("history", &self.history)?;
+        Ok(((self.shapes(py)?,), named))
+    }
+
+    fn __repr__(&self) -> String {
+        let names: Vec<_> = self.inner.shapes().iter().map(geometry::Shape::name).collect();
+        let drive = match self.inner.drive() {
+            Drive::Translation { path } => format!("{} frames", path.len()),
+            Drive::Force { force, direction, .. } => {
+                let [x, y, z] = direction.into_inner().into();
+                format!("{force} N along ({x:.3}, {y:.3}, {z:.3})")
+            }
+        };
+        let after = if self.history.is_some() { ", after a history" } else { "" };
+        format!("<ruffini.Press of {}, {drive}{after}>", names.join(" and "))
     }
 }
+
+/// Arguments of `Press`, by place and by name.
+type Arguments<'py> = ((Bound<'py, PyAny>,), Bound<'py, PyDict>);
 
 /// Items of a list and `false`, or a single item given in place of a list and `true`.
 pub(super) fn one_or_many<'py, T: PyClass>(
@@ -93,6 +165,30 @@ pub(super) fn one_or_many<'py, T: PyClass>(
         item?.cast_into::<T>().map_err(|e| wrong(&e.into_inner()))
     };
     Ok((items.map(item).collect::<PyResult<_>>()?, false))
+}
+
+/// Reverse of `one_or_many`: a list of the items, or the only one if it was given without a list.
+fn as_given<'py, T: IntoPyObject<'py>>(
+    py: Python<'py>,
+    mut items: Vec<T>,
+    single: bool,
+) -> PyResult<Bound<'py, PyAny>> {
+    match items.pop() {
+        Some(one) if single => one.into_bound_py_any(py),
+        last => {
+            items.extend(last);
+            items.into_bound_py_any(py)
+        }
+    }
+}
+
+/// Poses (S) of a frame, in the form that `Press` takes.
+pub(super) fn frame_as_given<'py>(
+    py: Python<'py>,
+    poses: &[Isometry3<f64>],
+    single: bool,
+) -> PyResult<Bound<'py, PyAny>> {
+    as_given(py, poses.iter().map(|pose| answer::pose(py, pose)).collect(), single)
 }
 
 /// Poses (F, S) of a list of frames.
@@ -127,13 +223,21 @@ pub(crate) fn pose(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Isometry3<f
     let [x, y, z, w] = vector(&format!("{name}: quaternion"), &quaternion)?;
     let quaternion = Quaternion::new(w, x, y, z);
     let norm = quaternion.norm();
-    if (norm - 1.0).abs() > ROUNDING {
-        let found = format!("length {norm}");
-        return Err(refused(&format!("{name}: quaternion"), found, "length 1"));
+    let off = (norm - 1.0).abs();
+    if off.is_nan() || off > SINGLE_PRECISION {
+        let (found, expected) = (format!("length {norm}"), format!("length 1 ± {SINGLE_PRECISION}"));
+        return Err(refused(&format!("{name}: quaternion"), found, expected));
     }
-    let rotation = UnitQuaternion::new_normalize(quaternion);
+    let rotation = if off < DOUBLE_PRECISION {
+        UnitQuaternion::new_unchecked(quaternion)
+    } else {
+        UnitQuaternion::new_normalize(quaternion)
+    };
     Ok(Isometry3::from_parts(Translation3::from(position), rotation))
 }
 
-/// Largest deviation of a quaternion's length from 1, which allows for single precision.
-const ROUNDING: f64 = 1e-6;
+/// Largest deviation of a quaternion's length from 1: that of a chain of a thousand rotations in
+/// single precision. It is normalised then.
+const SINGLE_PRECISION: f64 = 1e-4;
+/// Deviation below which it stays as it is, so that a pose that is given again is the same to the bit.
+const DOUBLE_PRECISION: f64 = 1e-14;

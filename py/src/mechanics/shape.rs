@@ -4,8 +4,8 @@ use std::{path::PathBuf, sync::Arc};
 
 use nalgebra::Point3;
 use numpy::{PyArray1, PyArray2};
-use pyo3::prelude::*;
-use ruffini_core::geometry::{self, StarShaped, Surface, Wave, read_surface};
+use pyo3::{prelude::*, types::PyBytes};
+use ruffini_core::geometry::{self, Parameter, StarShaped, Surface, Wave, read_surface};
 
 use super::arrays::{array_of_rows, array_of_vectors, index_rows, ranged, refused, rows, vector};
 use crate::error::python_error;
@@ -18,6 +18,9 @@ pub(super) type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2
 
 /// Greatest number of edges round a circle of a surface: a ball then has 20,000 triangles.
 const MOST_SEGMENTS: i64 = 200;
+
+/// Greatest number of sides of a prism.
+const MOST_SIDES: i64 = 256;
 
 /// Rigid solid in its own frame: the origin at its middle, z along its axis of symmetry.
 ///
@@ -65,7 +68,7 @@ impl Shape {
     /// that of the polygon's corners.
     #[staticmethod]
     fn prism(sides: i64, radius: f64, half_height: f64) -> PyResult<Self> {
-        let sides = u32::try_from(sides).map_err(|_| refused("sides", sides, "3 or more"))?;
+        let sides = ranged("sides", sides, 3..=MOST_SIDES)?;
         Self::of(geometry::Shape::Prism { sides, radius, half_height })
     }
 
@@ -129,6 +132,10 @@ impl Shape {
     }
 
     /// Solid inside the watertight surface of an .obj or .stl file, whose unit is `scale` (m) long.
+    ///
+    /// Raises:
+    ///     FileNotFoundError: If there is no such file.
+    ///     ValueError: If it cannot be read, or its surface is not that of a solid.
     #[staticmethod]
     #[pyo3(signature = (path, scale=1.0))]
     #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.
@@ -199,6 +206,44 @@ impl Shape {
             distances.map(|distance| (distance.value, distance.normal)).unzip()
         });
         Ok((PyArray1::from_vec(py, values), array_of_vectors(py, &normals)))
+    }
+
+    /// Restores a shape from its bytes, as it is pickled.
+    #[staticmethod]
+    fn _restore(bytes: &[u8]) -> PyResult<Self> {
+        Ok(Self { inner: geometry::Shape::from_bytes(bytes).map_err(python_error)? })
+    }
+
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let bytes = PyBytes::new(py, &self.inner.to_bytes());
+        Ok((py.get_type::<Self>().getattr("_restore")?, (bytes,)))
+    }
+
+    fn __repr__(&self) -> String {
+        let mut sharp = self.inner.sharp().clone();
+        let mut words = vec![sharp.name().to_owned()];
+        words.extend(sharp.parameters().into_iter().map(|(name, parameter)| match parameter {
+            Parameter::Count(count) => format!("{name} {count}"),
+            Parameter::Lengths([length]) => format!("{name} {length} m"),
+            Parameter::Lengths(lengths) => format!("{name} {lengths:?} m"),
+        }));
+        match &self.inner {
+            geometry::Shape::Rounded(rounded) => {
+                words.push(format!("edges rounded by {} m", rounded.radius()));
+            }
+            geometry::Shape::Mesh(surface) => {
+                let (count, size) = (surface.triangles().len(), surface.size());
+                words.push(format!("{count} triangles, {size:.4} m long"));
+            }
+            geometry::Shape::StarShaped(star) => {
+                words.push(format!("semi_axes {:?} m", star.semi_axes().as_slice()));
+            }
+            _ => {}
+        }
+        format!("<ruffini.Shape {}>", words.join(", "))
     }
 }
 

@@ -29,6 +29,7 @@ use crate::{error::python_error, pool::in_pool};
 ///     weights: "soft", the shipped weights, or the path of a .safetensors file.
 ///
 /// Raises:
+///     FileNotFoundError: If there is no file of these weights.
 ///     ValueError: If the weights are not known or damaged, a number is out of its range, or the
 ///         shape has no mesh.
 #[pyclass(frozen, module = "ruffini")]
@@ -63,6 +64,10 @@ impl SoftSurrogate {
         let model = model.map_err(python_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
         Ok(Self { model, body: Py::new(py, body)? })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.SoftSurrogate {}>", self.body.get().about())
     }
 
     /// Description of the weights as JSON: form, training, data, errors on unseen data.

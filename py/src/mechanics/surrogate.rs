@@ -8,6 +8,7 @@ use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
 use super::{
     Deformation, Press, SoftBody,
     arrays::vectors,
+    body::{nodes_of, pad_error},
     model::{solve, solve_path},
 };
 use crate::{error::python_error, pool::in_pool};
@@ -80,18 +81,23 @@ impl LinearPad {
         young: Option<f64>,
         poisson: Option<f64>,
         friction: Option<f64>,
-        resolution: usize,
+        resolution: i64,
         contact: &str,
     ) -> PyResult<Self> {
+        let resolution = nodes_of(resolution)?;
         let model = in_pool(py, || {
             let CalibratedGel { sensor, moduli, friction } =
                 CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             let contact = contact.parse()?;
             surrogate::LinearPad::new(&sensor, moduli, friction, resolution, contact)
         })?;
-        let model = model.map_err(python_error)?;
+        let model = model.map_err(pad_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
         Ok(Self { model, body: Py::new(py, body)? })
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.LinearPad {}>", self.body.get().about())
     }
 
     /// Solves each press and returns its last frame, as Fem.solve.
@@ -157,7 +163,8 @@ impl Surrogate {
     ///     sensor, calibration, young, poisson, friction: As for Surrogate.
     ///
     /// Raises:
-    ///     ValueError: If the file is missing, damaged or of another kind of network.
+    ///     FileNotFoundError: If there is no such file.
+    ///     ValueError: If the file is damaged or of another kind of network.
     #[staticmethod]
     #[pyo3(signature = (path, sensor="gelsight-mini", calibration=None, young=None, poisson=None,
         friction=None))]
@@ -179,6 +186,10 @@ impl Surrogate {
         let model = Self::of(py, model.map_err(python_error)?)?;
         warn(py, Some(model.card()), sensor, calibration, poisson)?;
         Ok(model)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.Surrogate {}>", self.body.get().about())
     }
 
     /// Same network evaluated by Candle's layers, the reference for the fast implementation:
@@ -230,7 +241,8 @@ impl Surrogate {
         let moved = vectors(answer.displacement.bind(py))?;
         let forces = vectors(answer.contact_force.bind(py))?;
         let poses = &answer.history.get().inner.poses;
-        Ok(self.model.is_in_distribution(&answer.shapes, poses, &moved, &forces, answer.residual))
+        let shapes: Vec<_> = answer.shapes.iter().map(|shape| shape.get().inner.clone()).collect();
+        Ok(self.model.is_in_distribution(&shapes, poses, &moved, &forces, answer.residual))
     }
 }
 

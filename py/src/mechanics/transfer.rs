@@ -25,6 +25,7 @@ pub(crate) struct Transfer {
     inner: geometry::Transfer,
     vertices: usize,
     tets: usize,
+    target_vertices: usize,
 }
 
 #[pymethods]
@@ -33,7 +34,8 @@ impl Transfer {
     fn new(py: Python<'_>, source: &TetMesh, target: &TetMesh) -> PyResult<Self> {
         let (from, to) = (&source.inner, &target.inner);
         let inner = py.detach(|| geometry::Transfer::new(from, to)).map_err(python_error)?;
-        Ok(Self { inner, vertices: from.vertices.len(), tets: from.tets.len() })
+        let (vertices, target_vertices) = (from.vertices.len(), to.vertices.len());
+        Ok(Self { inner, vertices, tets: from.tets.len(), target_vertices })
     }
 
     /// Interpolates a nodal field linearly at the vertices of the target.
@@ -86,6 +88,10 @@ impl Transfer {
             return Err(refused("per_tet", Shown(&shape), expected));
         }
         Ok(PyArray1::from_vec(py, self.inner.average(&values)))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.Transfer from {} to {} vertices>", self.vertices, self.target_vertices)
     }
 }
 

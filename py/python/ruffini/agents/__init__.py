@@ -57,7 +57,8 @@ def load(name: str | PathLike[str]) -> Agent:
             a run, whose last checkpoint is loaded.
 
     Raises:
-        ValueError: If there is no such agent, or the file does not hold a readable one.
+        FileNotFoundError: If there is no such file.
+        ValueError: If there is no agent of that name, or the file does not hold one.
     """
     path = Path(name)
     if path.suffix == SUFFIX:

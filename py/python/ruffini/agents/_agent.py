@@ -134,10 +134,13 @@ class Agent:
         """Read the agent in a file.
 
         Raises:
-            ValueError: If there is no readable one.
+            FileNotFoundError: If there is no such file.
+            ValueError: If it is no readable file of an agent.
         """
         try:
             data = Path(path).read_bytes()
+        except FileNotFoundError:
+            raise
         except OSError as error:
             raise ValueError(f"agent {path}: {error.strerror}") from None
         try:

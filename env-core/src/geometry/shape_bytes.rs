@@ -1,0 +1,108 @@
+//! Shapes as bytes: a mark with the version, then postcard. Exact to the bit.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
+
+use super::{Shape, Surface};
+use crate::{Error, Result};
+
+/// First bytes of a serialised shape; the last character counts versions.
+const MARK: [u8; 8] = *b"a-shape1";
+
+impl Shape {
+    /// Serialises the shape.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let body = postcard::to_stdvec(self).expect("numbers and lists are what postcard writes");
+        [&MARK[..], &body].concat()
+    }
+
+    /// Restores a shape from the result of [`Shape::to_bytes`]; other bytes are an error.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let bad = |found: String| Error::invalid("shape", found, "bytes of a saved shape");
+        let Some(body) = bytes.strip_prefix(&MARK) else {
+            return Err(bad(format!("{} bytes without its mark", bytes.len())));
+        };
+        match postcard::take_from_bytes::<Self>(body) {
+            Ok((shape, [])) => shape.validated(),
+            Ok((_, rest)) => Err(bad(format!("{} bytes too many", rest.len()))),
+            Err(error) => Err(bad(format!("damaged bytes ({error})"))),
+        }
+    }
+}
+
+/// Serialises the parts of a surface.
+pub(super) fn serialize<S: Serializer>(
+    surface: &Arc<Surface>,
+    to: S,
+) -> std::result::Result<S::Ok, S::Error> {
+    (surface.vertices(), surface.triangles()).serialize(to)
+}
+
+/// Reads the parts of a surface, and checks them as those of a file.
+pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+    from: D,
+) -> std::result::Result<Arc<Surface>, D::Error> {
+    let (vertices, triangles): (Vec<_>, Vec<_>) = Deserialize::deserialize(from)?;
+    Surface::new("saved", &vertices, &triangles).map(Arc::new).map_err(D::Error::custom)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Point3, Unit, Vector3};
+
+    use super::*;
+    use crate::geometry::{Bump, Hollow, StarShaped, Wave};
+
+    fn shapes() -> Vec<Shape> {
+        let v = Vector3::new(0.01, 0.02, 0.03);
+        let waves = vec![Wave { amplitude: 0.1, vector: v, phase: -0.0 }];
+        let axis = Unit::new_normalize(v);
+        let bumps = vec![Bump { amplitude: -0.1, axis, concentration: 1.0 / 0.3 }];
+        let star = StarShaped::new(v, waves).with_bumps(bumps);
+        let ball = Shape::Sphere { radius: 0.01 }.surface(16).unwrap();
+        let ball = Surface::new("ball", ball.vertices(), ball.triangles()).unwrap();
+        let mut shapes = Shape::kinds();
+        let rounded: Vec<_> = shapes.iter().filter_map(|shape| shape.rounded(1e-3).ok()).collect();
+        shapes.extend(rounded);
+        shapes.extend([
+            Shape::HalfSpace,
+            Shape::StarShaped(star.clone()),
+            Shape::Hollow(Hollow::new(star, 0.8)),
+            Shape::Mesh(Arc::new(ball)),
+        ]);
+        // Scaled ones have cores and samples that are not those of their size.
+        let others: Vec<_> = shapes.iter().map(|shape| shape.sampled().scaled(0.7)).collect();
+        shapes.extend(others);
+        shapes
+    }
+
+    #[test]
+    fn shapes_come_back_from_their_bytes_with_the_same_distances() {
+        let points = [[1e-3, -2e-3, 5e-3], [0.011, 0.0, 0.03], [-0.05, 0.2, 0.1]].map(Point3::from);
+        for shape in shapes() {
+            let again = Shape::from_bytes(&shape.to_bytes()).unwrap();
+            assert_eq!(again, shape);
+            for point in &points {
+                let [found, expected] = [&again, &shape].map(|shape| shape.distance(point));
+                assert_eq!(found.value.to_bits(), expected.value.to_bits(), "{}", shape.name());
+                assert_eq!(found.normal, expected.normal, "{}", shape.name());
+            }
+        }
+    }
+
+    #[test]
+    fn other_bytes_are_refused() {
+        let message = |bytes: &[u8]| Shape::from_bytes(bytes).unwrap_err().to_string();
+        let good = Shape::Sphere { radius: 0.01 }.to_bytes();
+        assert!(message(b"").contains("0 bytes without its mark"));
+        assert!(message(&good[..good.len() - 1]).contains("damaged"));
+        assert!(message(&[&good[..], b"12"].concat()).contains("2 bytes too many"));
+        assert!(message(&Shape::Sphere { radius: -1.0 }.to_bytes()).contains("radius: found -1"));
+        let ball = Shape::Sphere { radius: 0.01 }.surface(8).unwrap();
+        let open = Surface::from_parts(ball.vertices().to_vec(), ball.triangles()[1..].to_vec());
+        assert!(message(&Shape::Mesh(Arc::new(open)).to_bytes()).contains("damaged"));
+        let plane = postcard::to_stdvec(&(14u32, Shape::HalfSpace, 1.0)).unwrap();
+        assert!(message(&[&MARK[..], &plane].concat()).contains("damaged"));
+    }
+}
