@@ -87,10 +87,10 @@ impl Batch {
                 return Err(python_error(Error::invalid("autoreset_mode", other, expected)));
             }
         };
-        let inner = py.detach(|| {
+        let inner = interruptible(py, || {
             let setup = Arc::new(Setup::new(TaskConfig::from_json(settings)?)?);
             ruffini_core::env::Batch::new(setup, num_envs, num_threads, autoreset)
-        });
+        })?;
         Ok(Self { inner: Mutex::new(inner.map_err(python_error)?) })
     }
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
+import resource
 import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -51,6 +54,58 @@ def test_ctrl_c_ends_a_solve():
     for solve in (*solves, step):
         seconds, said = interrupted(solve)
         assert b"KeyboardInterrupt" in said and seconds < 10, solve
+
+
+MAKING = {
+    "cells": "ruffini.LinearPad(poisson=0.47 + 1e-4 * i)",
+    "network": "ruffini.Surrogate(poisson=0.47 + 1e-4 * i)",
+    "environment": "gymnasium.make('ruffini/GraspLift-v0', tactile='compliance', "
+    "resolution={'nodes': 500 + 100 * i})",
+}
+
+
+@pytest.mark.parametrize("made", MAKING)
+def test_ctrl_c_ends_the_making_of_models(made):
+    """Each of another gel or mesh, so that each takes seconds."""
+    code = f"import gymnasium, ruffini\nprint('begun')\nfor i in range(40):\n    {MAKING[made]}\n"
+    seconds, said = interrupted(code)
+    assert b"KeyboardInterrupt" in said and seconds < 10
+
+
+def shared() -> bytes:
+    """Megabytes by which the process grows with its first model of a gel, and with four more."""
+    grown = [resident_megabytes()]
+    models = [LinearPad()]
+    grown.append(resident_megabytes())
+    models += [LinearPad(friction=0.3), LinearPad(contact="fine"), Surrogate(), Surrogate()]
+    grown.append(resident_megabytes())
+    assert len(models) == 5
+    return bytes(round(max(after - before, 0)) for before, after in pairwise(grown))
+
+
+def resident_megabytes() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+
+
+def test_models_of_one_gel_share_what_is_large():
+    first, others = fresh(shared)
+    assert first > 100 and others < 0.6 * first, f"{first} MB, then {others} MB"
+
+
+def forked_while_making() -> bytes:
+    """What a child says that was forked while a thread of its parent made a model."""
+    maker = threading.Thread(target=LinearPad)
+    maker.start()
+    time.sleep(1.0)
+    assert maker.is_alive()
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("fork")) as pool:
+        found = pool.submit(many, "cells").result()
+    maker.join()
+    return found
+
+
+def test_a_child_forked_while_its_parent_makes_a_model_makes_its_own():
+    assert fresh(forked_while_making) == many("cells")
 
 
 @pytest.mark.parametrize("name", MODELS)

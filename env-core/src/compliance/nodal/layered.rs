@@ -31,6 +31,7 @@ use crate::{
     contact::{Backing, ContactLaw},
     deformation::Press,
     geometry::{PadMesh, PadOutline},
+    interrupt,
     simd::{LANES, add_rows, vectorised},
 };
 
@@ -100,6 +101,7 @@ impl LayeredPad {
             ContactNodes::of_grid(Arc::clone(condensed), CellGrid::new(&cells, level), level == 0)
         };
         let levels: Vec<_> = (0..LEVELS).map(level).collect();
+        interrupt::check()?;
         // Layers are equally deep, as a part of the height, in all columns.
         let height = |layer: usize| model.mesh.vertices[layer * model.face.len()].z;
         let layers = model.cells[2] as usize;
@@ -109,7 +111,9 @@ impl LayeredPad {
         let below = depths[1..layers].iter().map(plane).collect();
         let near_field = Arc::new(NearField::new(model, &depths, moduli));
         let side_field = SideField::new(sides, model)?;
+        interrupt::check()?;
         let model = Arc::new(ModelFace::new(model, below, side_field, &CellGrid::new(&cells, 1)));
+        interrupt::check()?;
         let known = levels.iter().take(KEPT).map(|nodes| {
             let grid = nodes.grid().expect("levels are grids");
             (0..grid.len() as u32).map(|cell| Known::new(&model, grid, cell)).collect()

@@ -15,6 +15,7 @@ use crate::{
     deformation::{Law, Moduli, SoftBody},
     fem::{Element, Linearised},
     geometry::{PadMesh, PadOutline},
+    interrupt,
 };
 
 /// Distance in thicknesses as far as the layer goes on beyond the sides of the pad.
@@ -47,8 +48,14 @@ impl Sides {
                 elements.node_between(a, b)
             })
         };
-        let by_layer = solved(&linearised(&layer)?, &|vertex| in_layer[vertex as usize]);
-        let mut responses = solved(&linearised(&pad)?, &|vertex| vertex);
+        let of_layer = linearised(&layer)?;
+        interrupt::check()?;
+        let by_layer = solved(&of_layer, &|vertex| in_layer[vertex as usize]);
+        interrupt::check()?;
+        let of_pad = linearised(&pad)?;
+        interrupt::check()?;
+        let mut responses = solved(&of_pad, &|vertex| vertex);
+        interrupt::check()?;
         responses.subtract_tilted(&by_layer, &mesh, outline);
         Ok(Self { mesh, responses })
     }
