@@ -2,7 +2,8 @@
 //!
 //! A press that is solved [`Interrupt::during`] ends with [`Error::Interrupted`] soon after
 //! [`Interrupt::request`]: all models check for it before every frame, those that solve frames by
-//! load steps before each of these, and Newton's method of the finite elements before every step.
+//! load steps before each of these, Newton's method of the finite elements before every step, and
+//! the making of a pad's tables between its parts.
 
 use std::{
     cell::RefCell,

@@ -3,16 +3,23 @@
 use std::{
     panic::resume_unwind,
     process,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError, Weak},
     thread,
+    time::Duration,
 };
 
 use rayon::ThreadPoolBuilder;
 
-use crate::{Error, Result, interrupt::Interrupt};
+use crate::{
+    Error, Result,
+    interrupt::{self, Interrupt},
+};
 
-/// Instances `V`, with what each was built from: all that are in use, and the last few that were asked
-/// for.
+/// Interval between looks at a turn.
+const POLL: Duration = Duration::from_millis(2);
+
+/// Instances `V`, with what each was built from: all that are in use, and the last few that were
+/// asked for. What they are built from equals itself: it has no NaN.
 ///
 /// Threads that need the same instance wait for the one that builds it, others do not. Nor does a
 /// child that was forked while its parent built: it builds its own.
@@ -42,28 +49,37 @@ impl<K: Clone + PartialEq + Sync, V: Send + Sync> Recent<K, V> {
     /// `build` runs [`alone`], since a thread of a pool that waited in it could take up a task that
     /// needs the same instance, and would wait for itself.
     pub(crate) fn get(&self, key: &K, build: impl FnOnce() -> Result<V> + Send) -> Result<Arc<V>> {
-        let turn = match self.instances().find(key, self.most) {
-            Ok(found) => return Ok(found),
-            Err(turn) => turn,
-        };
-        let having_turn = unpoisoned(&turn);
-        let found = self.instances().find(key, self.most);
-        match found {
-            Ok(found) => return Ok(found),
-            // Whoever had this turn failed, and others wait for a new one.
-            Err(other) if !Arc::ptr_eq(&other, &turn) => {
-                drop(having_turn);
-                return self.get(key, build);
+        loop {
+            let turn = match self.find(key) {
+                Ok(found) => return Ok(found),
+                Err(turn) => turn,
+            };
+            let _having_turn = in_turn(&turn)?;
+            if !self.instances().is_open(&turn) {
+                // Whoever had this turn before is done, or failed.
+                continue;
             }
-            Err(_) => (),
+            let built = alone(build).map(Arc::new);
+            let mut instances = self.instances();
+            instances.building.retain(|(_, _, other)| !Arc::ptr_eq(other, &turn));
+            let built = built?;
+            instances.all.push((key.clone(), Arc::downgrade(&built)));
+            let last = instances.keep(&built, self.most);
+            drop(instances);
+            drop(last);
+            return Ok(built);
         }
-        let built = alone(build);
+    }
+
+    /// Returns the instance built from `key`, or the lock to hold while it is built.
+    fn find(&self, key: &K) -> std::result::Result<Arc<V>, Arc<Mutex<()>>> {
         let mut instances = self.instances();
-        instances.building.retain(|(_, _, other)| !Arc::ptr_eq(other, &turn));
-        let built = Arc::new(built?);
-        instances.all.push((key.clone(), Arc::downgrade(&built)));
-        instances.keep(&built, self.most);
-        Ok(built)
+        let found = instances.find(key);
+        let last = found.as_ref().ok().map(|found| instances.keep(found, self.most));
+        // Frees memory, perhaps much, when others may go on.
+        drop(instances);
+        drop(last);
+        found
     }
 
     fn instances(&self) -> MutexGuard<'_, Instances<K, V>> {
@@ -72,12 +88,10 @@ impl<K: Clone + PartialEq + Sync, V: Send + Sync> Recent<K, V> {
 }
 
 impl<K: Clone + PartialEq, V> Instances<K, V> {
-    /// Returns the instance built from `key`, or the lock to hold while it is built.
-    fn find(&mut self, key: &K, most: usize) -> std::result::Result<Arc<V>, Arc<Mutex<()>>> {
+    fn find(&mut self, key: &K) -> std::result::Result<Arc<V>, Arc<Mutex<()>>> {
         self.all.retain(|(_, instance)| instance.strong_count() > 0);
         let known = self.all.iter().find(|(known, _)| known == key);
         if let Some(found) = known.and_then(|(_, instance)| instance.upgrade()) {
-            self.keep(&found, most);
             return Ok(found);
         }
         let process = process::id();
@@ -90,10 +104,17 @@ impl<K: Clone + PartialEq, V> Instances<K, V> {
         Err(turn)
     }
 
-    fn keep(&mut self, instance: &Arc<V>, most: usize) {
+    /// Returns whether an instance is yet to be built in this turn.
+    fn is_open(&self, turn: &Arc<Mutex<()>>) -> bool {
+        self.building.iter().any(|(.., open)| Arc::ptr_eq(open, turn))
+    }
+
+    /// Keeps an instance as the one that was asked for last, and returns those that are no longer
+    /// kept.
+    fn keep(&mut self, instance: &Arc<V>, most: usize) -> Vec<Arc<V>> {
         self.last.retain(|other| !Arc::ptr_eq(other, instance));
         self.last.insert(0, Arc::clone(instance));
-        self.last.truncate(most);
+        self.last.split_off(most.min(self.last.len()))
     }
 }
 
@@ -102,13 +123,27 @@ fn unpoisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs `build` in a thread that ends afterwards, in which tasks take turns that would run in
-/// parallel: a process in which rayon's own threads have started cannot be forked.
+/// Waits for a turn; an interrupt ends the waiting.
+fn in_turn(turn: &Mutex<()>) -> Result<MutexGuard<'_, ()>> {
+    loop {
+        match turn.try_lock() {
+            Ok(guard) => return Ok(guard),
+            Err(TryLockError::Poisoned(guard)) => return Ok(guard.into_inner()),
+            Err(TryLockError::WouldBlock) => interrupt::check()?,
+        }
+        thread::sleep(POLL);
+    }
+}
+
+/// Runs `build` in threads that end afterwards, as many as the caller's pool has, or one if it is
+/// called outside of one: a process in which rayon's own threads have started cannot be forked.
 fn alone<T: Send>(build: impl FnOnce() -> Result<T> + Send) -> Result<T> {
     let failed = |error: String| Error::invalid("threads", error, "a thread to start");
     let interrupt = Interrupt::current();
+    let is_in_pool = rayon::current_thread_index().is_some();
+    let threads = if is_in_pool { rayon::current_num_threads() } else { 1 };
     let run = || {
-        let pool = ThreadPoolBuilder::new().num_threads(1).build();
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build();
         let pool = pool.map_err(|error| failed(error.to_string()))?;
         pool.install(|| interrupt.during(build))
     };
@@ -121,12 +156,9 @@ fn alone<T: Send>(build: impl FnOnce() -> Result<T> + Send) -> Result<T> {
 
 #[cfg(test)]
 mod tests {
-    use std::{
-        sync::{
-            Barrier,
-            atomic::{AtomicUsize, Ordering},
-        },
-        time::Duration,
+    use std::sync::{
+        Barrier,
+        atomic::{AtomicUsize, Ordering},
     };
 
     use super::*;

@@ -28,8 +28,8 @@ pyo3::create_exception!(
      reason."
 );
 
-/// Converts an error: a missing file becomes a `FileNotFoundError`, as `open` raises it, bad arguments
-/// a `ValueError`, all others a `SimulationError`.
+/// Converts an error: a missing file or folder becomes a `FileNotFoundError`, as `open` raises it,
+/// bad arguments a `ValueError`, all others a `SimulationError`.
 #[allow(clippy::needless_pass_by_value)] // For `map_err`.
 pub(crate) fn python_error(error: Error) -> PyErr {
     if let Some(path) = error.missing_file() {

@@ -26,8 +26,8 @@ def fresh(call: Callable[..., bytes], *arguments: object) -> bytes:
     return done.stdout
 
 
-def interrupted(code: str) -> tuple[float, bytes]:
-    """Time (s) in which code ends that is interrupted two seconds after it has printed a line.
+def interrupted(code: str, after: float = 2.0) -> tuple[float, bytes]:
+    """Time (s) in which code ends that is interrupted so long (s) after it has printed a line.
 
     With what it says on standard error.
     """
@@ -36,7 +36,7 @@ def interrupted(code: str) -> tuple[float, bytes]:
     with subprocess.Popen(line, **pipes, preexec_fn=_heed) as run:
         try:
             run.stdout.readline()
-            time.sleep(2.0)
+            time.sleep(after)
             begun = time.monotonic()
             run.send_signal(signal.SIGINT)
             _, said = run.communicate(timeout=60)

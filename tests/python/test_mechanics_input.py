@@ -12,7 +12,18 @@ import pytest
 from bodies import BALL, PLATE, UPRIGHT, ball_at, block, gel
 
 import ruffini
-from ruffini import Compliance, Fem, Grasp, History, LinearPad, Press, Shape, SoftBody, TetMesh
+from ruffini import (
+    Compliance,
+    Fem,
+    Grasp,
+    History,
+    LinearPad,
+    Press,
+    Shape,
+    SoftBody,
+    Surrogate,
+    TetMesh,
+)
 
 MESH = block(1)
 POSE = ball_at(0, 0)
@@ -58,6 +69,9 @@ REFUSED = {
     "resolution: found 10, expected 100 to": lambda: ruffini.sensor("digit", resolution=10),
     "resolution: found 11, expected 100 to": lambda: LinearPad("digit", resolution=11),
     "resolution: found -2, expected 100 to": lambda: LinearPad("digit", resolution=-2),
+    "young: found NaN": lambda: LinearPad(young=NAN),
+    "poisson: found NaN": lambda: Surrogate(poisson=NAN),
+    "friction: found NaN": lambda: LinearPad(friction=NAN),
     "corrections: found -1, expected 0 to 12": lambda: Compliance(gel(), corrections=-1),
     "corrections: found 13, expected 0 to 12": lambda: Compliance(gel(), corrections=13),
     "around: found array (3,)": lambda: ruffini.sensor("digit", around=[0, 0, 0]),

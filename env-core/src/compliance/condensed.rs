@@ -59,16 +59,21 @@ impl Condensed {
     /// and stored there if not.
     pub(super) fn new(body: SoftBody, directory: Option<&Path>) -> Result<Self> {
         let rest = Linearised::new(&body)?;
-        Self::of(body, rest, directory)
+        Self::of(body, rest, directory, Numbering::Vertices)
     }
 
     /// Condenses a `body` without fixed nodes.
     pub(super) fn free(body: SoftBody) -> Result<Self> {
         let rest = Linearised::free(&body)?;
-        Self::of(body, rest, None)
+        Self::of(body, rest, None, Numbering::Free)
     }
 
-    fn of(body: SoftBody, rest: Linearised, directory: Option<&Path>) -> Result<Self> {
+    fn of(
+        body: SoftBody,
+        rest: Linearised,
+        directory: Option<&Path>,
+        numbering: Numbering,
+    ) -> Result<Self> {
         let (surface, backing) = rest.surface(&body);
         if surface.is_empty() {
             return Err(held_all_round(&body));
@@ -91,7 +96,7 @@ impl Condensed {
         let facets = facets(&surface, rest.places()).into();
         let (rank, skin, surface) = (rank.into(), skin.into(), surface.into());
         let (rest, compliance, backing) = (Arc::new(rest), Arc::new(compliance), Arc::new(backing));
-        let identity = ModelIdentity::new(Numbering::Vertices, &body, rest.places());
+        let identity = ModelIdentity::new(numbering, &body, rest.places());
         Ok(Self { body, identity, rest, rank, skin, compliance, surface, backing, facets })
     }
 

@@ -32,16 +32,22 @@ pub struct Traction {
 /// Part of the friction limit from which a point counts as sliding.
 const USED_UP: f64 = 0.98;
 
+/// Returns an error unless `friction` is a coefficient of friction.
+pub(crate) fn check_friction(friction: f64) -> Result<()> {
+    if (0.0..=MOST_FRICTION).contains(&friction) {
+        return Ok(());
+    }
+    let expected = format!("a coefficient from 0 to {MOST_FRICTION}");
+    Err(Error::invalid("friction", friction, expected))
+}
+
 impl ContactLaw {
     /// Returns a law with a `friction` coefficient from 0 to 100 and a `softness` above 0 m.
     pub fn new(softness: f64, friction: f64) -> Result<Self> {
         if !(softness.is_finite() && softness > 0.0) {
             return Err(Error::invalid("softness", softness, "a finite depth above 0 m"));
         }
-        if !(0.0..=MOST_FRICTION).contains(&friction) {
-            let expected = format!("a coefficient from 0 to {MOST_FRICTION}");
-            return Err(Error::invalid("friction", friction, expected));
-        }
+        check_friction(friction)?;
         Ok(Self { softness, friction })
     }
 

@@ -82,7 +82,8 @@ impl Moduli {
         self.young * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
     }
 
-    fn check(&self) -> Result<()> {
+    /// Returns an error unless a solid can have these moduli.
+    pub(crate) fn check(&self) -> Result<()> {
         if !(self.young.is_finite() && self.young > 0.0) {
             return Err(Error::invalid("young", self.young, "a finite modulus above 0 Pa"));
         }

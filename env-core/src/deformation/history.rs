@@ -42,8 +42,8 @@ pub struct ModelIdentity {
     numbering: Numbering,
     law: Law,
     nodes: u32,
-    /// Fixed nodes.
-    fixed: u32,
+    /// Number of fixed nodes, and sum of the squares of their numbers.
+    fixed: (u32, u64),
     /// Mean distance of the nodes at rest from [`AWAY`], weighted by their numbers (m).
     place: f64,
     /// Mean Young's modulus (Pa) and Poisson's ratio of the tetrahedra.
@@ -53,9 +53,13 @@ pub struct ModelIdentity {
 /// What the nodes and contact points of a model are, and so their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Numbering {
-    /// Nodes are the vertices of the mesh: of linear elements, and of linear elasticity, which have
-    /// the same contact points and can continue from each other's histories.
+    /// Nodes are the vertices of the mesh: of linear elements, and of linear elasticity with
+    /// contact at points, which are the same and can continue from each other's histories.
     Vertices,
+    /// Vertices, of linear elasticity of a body without fixed nodes: with fewer contact points.
+    Free,
+    /// Contact is at nodes.
+    ContactNodes,
     /// Vertices, then the middles of the edges, of quadratic elements.
     VerticesAndEdges,
     /// Contact is on the cells of grids.
@@ -77,6 +81,7 @@ impl ModelIdentity {
             let weight = f64::from(number);
             [sum + weight * (place - AWAY).norm(), weights + weight]
         });
+        let squares = body.fixed().iter().map(|&node| u64::from(node).pow(2));
         let tets = body.moduli().len() as f64;
         let mean =
             |number: fn(&Moduli) -> f64| body.moduli().iter().map(number).sum::<f64>() / tets;
@@ -84,7 +89,7 @@ impl ModelIdentity {
             numbering,
             law: body.law(),
             nodes: places.len() as u32,
-            fixed: body.fixed().len() as u32,
+            fixed: (body.fixed().len() as u32, squares.sum()),
             place: weighted[0] / weighted[1],
             moduli: [mean(|moduli| moduli.young), mean(|moduli| moduli.poisson)],
         }
@@ -107,9 +112,11 @@ impl ModelIdentity {
 
 impl fmt::Display for ModelIdentity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { nodes, fixed, place, moduli: [young, poisson], law, .. } = self;
+        let Self { nodes, fixed: (fixed, _), place, moduli: [young, poisson], law, .. } = self;
         let numbering = match self.numbering {
             Numbering::Vertices => "at the vertices",
+            Numbering::Free => "at the vertices of a free body",
+            Numbering::ContactNodes => "that touch",
             Numbering::VerticesAndEdges => "of quadratic elements",
             Numbering::Cells => "under contact on cells",
         };
@@ -249,7 +256,7 @@ pub(crate) mod tests {
         assert_eq!(check(&mine), Ok(()));
         let places = &own.mesh().vertices;
         let mut moved = places.clone();
-        moved[7].x += 1e-6;
+        moved[7].x += 1e-5;
         let mut swapped = places.clone();
         swapped.swap(3, 4);
         let mirrored: Vec<_> = places.iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
@@ -257,11 +264,19 @@ pub(crate) mod tests {
             assert!(check(&ModelIdentity::new(Numbering::Vertices, &own, other)).is_err());
         }
         assert!(check(&mine.with_numbering(Numbering::Cells)).is_err());
+        let mut held = own.fixed().to_vec();
+        held[0] = 0;
+        let mesh = own.mesh().clone();
+        let moduli = own.moduli()[0];
+        let other = SoftBody::new(mesh, Law::default(), moduli, &held).unwrap();
+        assert!(other.fixed().len() == own.fixed().len() && check(&identity(&other)).is_err());
         let message = check(&identity(&body(2e5))).unwrap_err().to_string();
         assert!(message.contains("1.000e5 Pa") && message.contains("2.000e5 Pa"), "{message}");
         // Another machine may round otherwise.
         let mut rounded = places.clone();
-        rounded.iter_mut().for_each(|place| place.z *= 1.0 + f64::EPSILON);
+        for place in &mut rounded {
+            place.z *= 1.0 + f64::EPSILON;
+        }
         assert_eq!(check(&ModelIdentity::new(Numbering::Vertices, &own, &rounded)), Ok(()));
     }
 

@@ -16,7 +16,6 @@ use super::{
     Distance, Hollow, Rounded, Sampled, StarShaped, Surface,
     distance::{ellipsoid, solids},
     length::{LARGEST, SMALLEST, length, less},
-    shape_bytes,
 };
 use crate::{Error, Result};
 
@@ -98,7 +97,7 @@ pub enum Shape {
     /// Solid under the plane z = 0. It has no surface of finite size.
     HalfSpace,
     /// Solid inside a watertight surface.
-    Mesh(#[serde(with = "shape_bytes")] Arc<Surface>),
+    Mesh(#[serde(with = "super::surface")] Arc<Surface>),
     /// One of the other solids with its distances tabulated on grids: see [`Shape::sampled`].
     Sampled(Sampled),
 }

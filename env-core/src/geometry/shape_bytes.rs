@@ -1,10 +1,6 @@
 //! Shapes as bytes: a mark with the version, then postcard. Exact to the bit.
 
-use std::sync::Arc;
-
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
-
-use super::{Shape, Surface};
+use super::Shape;
 use crate::{Error, Result};
 
 /// First bytes of a serialised shape; the last character counts versions.
@@ -31,28 +27,14 @@ impl Shape {
     }
 }
 
-/// Serialises the parts of a surface.
-pub(super) fn serialize<S: Serializer>(
-    surface: &Arc<Surface>,
-    to: S,
-) -> std::result::Result<S::Ok, S::Error> {
-    (surface.vertices(), surface.triangles()).serialize(to)
-}
-
-/// Reads the parts of a surface, and checks them as those of a file.
-pub(super) fn deserialize<'de, D: Deserializer<'de>>(
-    from: D,
-) -> std::result::Result<Arc<Surface>, D::Error> {
-    let (vertices, triangles): (Vec<_>, Vec<_>) = Deserialize::deserialize(from)?;
-    Surface::new("saved", &vertices, &triangles).map(Arc::new).map_err(D::Error::custom)
-}
-
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use nalgebra::{Point3, Unit, Vector3};
 
     use super::*;
-    use crate::geometry::{Bump, Hollow, StarShaped, Wave};
+    use crate::geometry::{Bump, Hollow, StarShaped, Surface, Wave};
 
     fn shapes() -> Vec<Shape> {
         let v = Vector3::new(0.01, 0.02, 0.03);
@@ -102,7 +84,15 @@ mod tests {
         let ball = Shape::Sphere { radius: 0.01 }.surface(8).unwrap();
         let open = Surface::from_parts(ball.vertices().to_vec(), ball.triangles()[1..].to_vec());
         assert!(message(&Shape::Mesh(Arc::new(open)).to_bytes()).contains("damaged"));
-        let plane = postcard::to_stdvec(&(14u32, Shape::HalfSpace, 1.0)).unwrap();
-        assert!(message(&[&MARK[..], &plane].concat()).contains("damaged"));
+        // A plane has no samples. The byte after the mark says that the rest is of a sampled shape.
+        let is_sampled = |shape: &Shape| matches!(shape.sampled(), Shape::Sampled(_));
+        let exact = Shape::kinds().into_iter().find(is_sampled).unwrap();
+        let sampled = exact.sampled().to_bytes();
+        let of = |shape: Shape| {
+            let parts = postcard::to_stdvec(&(shape, 1.0)).unwrap();
+            [&sampled[..=MARK.len()], &parts].concat()
+        };
+        assert_eq!(of(exact), sampled);
+        assert!(message(&of(Shape::HalfSpace)).contains("damaged"));
     }
 }

@@ -3,9 +3,10 @@
 //! Volume, centroid and inertia by the divergence theorem, as sums over the tetrahedra that each
 //! triangle spans with the origin; exact for the polyhedron.
 
-use std::{collections::HashMap, f64::consts::TAU};
+use std::{collections::HashMap, f64::consts::TAU, sync::Arc};
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
 use super::{Distance, cached::Cached, distance::TriangleTree};
 use crate::{Error, Result};
@@ -332,6 +333,22 @@ pub(crate) fn vertex_normals(
         }
     }
     normals.iter().map(|sum| sum.try_normalize(0.0).unwrap_or_default()).collect()
+}
+
+/// Serialises a shared surface as its vertices and triangles.
+pub(super) fn serialize<S: Serializer>(
+    surface: &Arc<Surface>,
+    to: S,
+) -> std::result::Result<S::Ok, S::Error> {
+    (surface.vertices(), surface.triangles()).serialize(to)
+}
+
+/// Reverses [`serialize`], and checks the surface as one of a file.
+pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+    from: D,
+) -> std::result::Result<Arc<Surface>, D::Error> {
+    let (vertices, triangles): (Vec<_>, Vec<_>) = Deserialize::deserialize(from)?;
+    Surface::new("saved", &vertices, &triangles).map(Arc::new).map_err(D::Error::custom)
 }
 
 #[cfg(test)]

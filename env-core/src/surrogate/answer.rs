@@ -286,7 +286,7 @@ impl PadModel {
         // Candle's layers always compute the stress.
         let with_stress = wanted.stress || is_plain;
         let stress = if with_stress { LinearStress::OF_NETWORK } else { LinearStress::Omitted };
-        let linear = self.linear.carry(&settled, stress);
+        let linear = self.linear.carry(&settled, stress)?;
         let places = &self.body.mesh().vertices;
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };

@@ -234,7 +234,7 @@ fn precision_single_is_enough() {
         for (name, depth, press) in presses() {
             let Ok(answer) = linear.path(&press).swap_remove(0) else { continue };
             let places: &[Point3<f64>] = &pad.mesh.vertices;
-            let carried = linear.carry(&answer, LinearStress::OF_NETWORK);
+            let carried = linear.carry(&answer, LinearStress::OF_NETWORK).unwrap();
             let input = PadInput::new(&graph, &gel, places, press.shapes(), &carried);
             if input.amplitude == 0.0 {
                 continue;

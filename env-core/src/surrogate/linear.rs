@@ -6,7 +6,7 @@
 //! Near the contact, displacement and, if asked for ([`LinearStress`]), stress are those under the
 //! forces on cells.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -21,7 +21,7 @@ use crate::{
         Compliance, ComplianceOptions,
         nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact, Sides},
     },
-    contact::Backing,
+    contact::{Backing, check_friction},
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, PadOutline, Transfer},
     interrupt,
@@ -34,14 +34,14 @@ use crate::{
 /// precomputed data.
 pub(super) struct LinearBaseline {
     layered: LayeredPad,
-    fine: Arc<FineMesh>,
+    precomputed: Arc<Precomputed>,
 }
 
 /// Precomputed data of a gel.
 struct Precomputed {
     /// Without friction.
     layered: LayeredPad,
-    fine: Arc<FineMesh>,
+    fine: FineMesh,
 }
 
 /// Gel and meshes that determine precomputed data.
@@ -67,7 +67,7 @@ struct FineMesh {
     mesh: PadMesh,
     transfer: Transfer,
     /// Operator for stress, computed on first use.
-    stress: OnceLock<Stress>,
+    stress: Recent<(), Stress>,
 }
 
 /// Operator from forces on the face to stress.
@@ -134,12 +134,14 @@ impl LinearBaseline {
         model: &PadMesh,
         resolution: ContactResolution,
     ) -> Result<Self> {
+        check_friction(gel.friction)?;
+        gel.moduli.check()?;
         let (outline, moduli) = (sensor.outline, gel.moduli);
         let of = Gel { outline, moduli, nodes, cells: model.cells };
         let build = || Precomputed::new(&of, model);
         let precomputed = PRECOMPUTED.get(&of, build)?;
         let layered = precomputed.layered.with(gel.friction, resolution)?;
-        Ok(Self { layered, fine: Arc::clone(&precomputed.fine) })
+        Ok(Self { layered, precomputed })
     }
 
     /// Held faces of the pad.
@@ -153,10 +155,15 @@ impl LinearBaseline {
     }
 
     /// Transfers an answer to the model mesh, with this `stress`.
-    pub(super) fn carry(&self, settled: &ContactSolution, stress: LinearStress) -> LinearFields {
+    pub(super) fn carry(
+        &self,
+        settled: &ContactSolution,
+        stress: LinearStress,
+    ) -> Result<LinearFields> {
+        let fine = &self.precomputed.fine;
         let nodes = self.layered.contacts(settled);
         let forces: Vec<_> = nodes.iter().map(|(node, contact)| (*node, contact.force)).collect();
-        let displacement = self.fine.extension.displacement(&forces);
+        let displacement = fine.extension.displacement(&forces);
         let displacement = displacement.as_chunks::<3>().0.iter();
         let mut displacement: Vec<_> = displacement.map(|&u| Vector3::from(u).cast()).collect();
         self.layered.refine(settled, &mut displacement);
@@ -166,10 +173,10 @@ impl LinearBaseline {
         }
         let von_mises = match stress {
             LinearStress::Omitted => Vec::new(),
-            LinearStress::Spread => self.fine.von_mises(&forces, &self.fine.transfer, None),
+            LinearStress::Spread => fine.von_mises(&forces, &fine.transfer, None)?,
             LinearStress::Resolved => {
                 let near = self.layered.stress_near_contact(settled, &displacement);
-                self.fine.von_mises(&forces, &self.fine.transfer, Some(&near))
+                fine.von_mises(&forces, &fine.transfer, Some(&near))?
             }
         };
         let fields = PadFields {
@@ -179,7 +186,7 @@ impl LinearBaseline {
             poses: settled.history.poses.clone(),
         };
         let cells = CellContact { nodes, spacing: self.layered.spacing(settled) };
-        LinearFields { fields, cells }
+        Ok(LinearFields { fields, cells })
     }
 }
 
@@ -198,9 +205,9 @@ impl Precomputed {
         interrupt::check()?;
         let size = 3 * model.mesh.vertices.len();
         let extension = Extension::new(layered.unit_responses().map(|u| flat(&u)), size);
-        let stress = OnceLock::new();
+        let stress = Recent::new(1);
         let fine = FineMesh { compliance, nodal, extension, mesh, transfer, stress };
-        Ok(Self { layered, fine: Arc::new(fine) })
+        Ok(Self { layered, fine })
     }
 }
 
@@ -212,16 +219,16 @@ impl FineMesh {
         forces: &[(u32, Vector3<f64>)],
         transfer: &Transfer,
         near: Option<&[Option<f64>]>,
-    ) -> Vec<f64> {
+    ) -> Result<Vec<f64>> {
         let near = |tet: usize| near.and_then(|near| near[tet]);
         let tets = transfer.parts().len();
         if forces.is_empty() {
-            return vec![0.0; tets];
+            return Ok(vec![0.0; tets]);
         }
         if let Some(all) = (0..tets).map(near).collect() {
-            return all;
+            return Ok(all);
         }
-        let stress = self.stress.get_or_init(|| Stress::new(self, transfer));
+        let stress = self.stress.get(&(), || Ok(Stress::new(self, transfer)))?;
         let displacement = stress.extension.displacement(forces);
         let mut fine = Vec::new();
         vectorised(
@@ -233,7 +240,7 @@ impl FineMesh {
             stress.shares.row(tet).map(|(place, share)| fine[place] * share).sum()
         };
         let spread = |tet: usize| shear * f64::from(mean(tet));
-        (0..tets).map(|tet| near(tet).unwrap_or_else(|| spread(tet))).collect()
+        Ok((0..tets).map(|tet| near(tet).unwrap_or_else(|| spread(tet))).collect())
     }
 }
 
@@ -278,7 +285,7 @@ mod tests {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let pad = sensor.pad(1000).unwrap();
         let of = Gel { outline: sensor.outline, moduli: MODULI, nodes: 1000, cells: pad.cells };
-        let fine = Arc::into_inner(Precomputed::new(&of, &pad).unwrap().fine).unwrap();
+        let fine = Precomputed::new(&of, &pad).unwrap().fine;
         let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();
         let settled = fine.nodal.settle(&press).unwrap();
@@ -295,7 +302,7 @@ mod tests {
     #[test]
     fn gels_that_differ_in_friction_share_what_takes_long_and_have_their_own_friction() {
         let [slippery, rough] = [0.0, 0.8].map(|friction| linear(friction).unwrap());
-        assert!(Arc::ptr_eq(&slippery.fine, &rough.fine));
+        assert!(Arc::ptr_eq(&slippery.precomputed, &rough.precomputed));
         assert!(linear(-0.1).is_err_and(|error| error.to_string().contains("friction")));
         let at = |x: f64| vec![Isometry3::translation(x, 0.0, 3e-3 - 4e-4)];
         let path = vec![at(0.0), at(3e-4)];
@@ -311,7 +318,7 @@ mod tests {
     fn stress_by_the_matrix_is_that_of_a_solve_on_the_whole_mesh() {
         let (fine, settled) = pressed();
         let same = Transfer::new(&fine.mesh.mesh, &fine.mesh.mesh).unwrap();
-        let found = fine.von_mises(&settled.forces, &same, None);
+        let found = fine.von_mises(&settled.forces, &same, None).unwrap();
         let solved = same.average(&fine.nodal.deformation(settled).unwrap().von_mises);
         let most = solved.iter().copied().fold(0.0, f64::max);
         let mut pairs = found.iter().zip(&solved);
@@ -328,7 +335,7 @@ mod tests {
         let path = vec![vec![Isometry3::translation(-5e-3, -6e-3, radius - 4e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius }], path).unwrap();
         let settled = linear.path(&press).pop().unwrap().unwrap();
-        let stress = |stress| linear.carry(&settled, stress).fields.von_mises;
+        let stress = |stress| linear.carry(&settled, stress).unwrap().fields.von_mises;
         let (spread, resolved) = (stress(LinearStress::Spread), stress(LinearStress::Resolved));
         assert!(stress(LinearStress::Omitted).is_empty());
         let mesh = Sensor::named("gelsight-mini").unwrap().pad(1000).unwrap().mesh;
@@ -355,9 +362,9 @@ mod tests {
         let (done, is_done) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             for round in 0..ROUNDS {
-                fine.stress = OnceLock::new();
+                fine.stress = Recent::new(1);
                 pool.in_place_scope(|scope| {
-                    let ask = |_: &_| drop(fine.von_mises(&settled.forces, &same, None));
+                    let ask = |_: &_| assert!(fine.von_mises(&settled.forces, &same, None).is_ok());
                     scope.spawn(ask);
                     // The matrix is being computed here. If that used the pool, its thread could be
                     // handed one of these tasks while it waits for others, and would deadlock.

@@ -73,7 +73,7 @@ impl LinearPad {
         let start = Instant::now();
         let stress = if wanted.stress { self.stress } else { LinearStress::Omitted };
         let PadFields { displacement, contact_force, von_mises, poses } =
-            self.linear.carry(&settled, stress).fields;
+            self.linear.carry(&settled, stress)?.fields;
         let residual = if wanted.residual {
             let residual = self.elements.residual(&displacement, &contact_force);
             residual.ok_or(Error::Inverted)?

@@ -126,7 +126,7 @@ impl Gels {
         }
         let solved = linear.path(&press).into_iter().map_while(Result::ok);
         let framed = solved.skip(self.steps).step_by(self.steps);
-        Ok(framed.map(|found| linear.carry(&found, LinearStress::OF_NETWORK)).collect())
+        framed.map(|found| linear.carry(&found, LinearStress::OF_NETWORK)).collect()
     }
 
     fn sample(

@@ -63,7 +63,7 @@ fn samples(depths: &[f64]) -> (PadGraph, Vec<Sample>) {
                 &gel,
                 places,
                 shapes,
-                &linear.carry(&answer, LinearStress::OF_NETWORK),
+                &linear.carry(&answer, LinearStress::OF_NETWORK).unwrap(),
             ),
             target: Target {
                 displacement: flat(&target.displacement, gel.thickness),

@@ -26,7 +26,7 @@ pub enum TactileModel {
     /// The pads of the fingers.
     Pads(TactilePad),
     /// The object; one model for each of the configured objects.
-    Objects(Vec<SoftObject>),
+    Objects(Vec<Arc<SoftObject>>),
 }
 
 /// Model of a pad. Copies share the precomputed data.
@@ -75,7 +75,7 @@ impl TactileModel {
     /// Object `index`, if the objects are what deforms.
     pub fn object(&self, index: usize) -> Option<&SoftObject> {
         match self {
-            Self::Objects(objects) => objects.get(index),
+            Self::Objects(objects) => objects.get(index).map(|object| &**object),
             Self::Rigid | Self::Pads(_) => None,
         }
     }

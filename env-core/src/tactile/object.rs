@@ -67,9 +67,9 @@ impl std::fmt::Debug for SoftObject {
 impl SoftObject {
     /// Loads the shipped network for an object of `shape` between fingers of half-extents `finger`
     /// (m), or returns a recently built instance.
-    pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Self> {
+    pub fn new(shape: &Shape, finger: Vector3<f64>, poisson: f64) -> Result<Arc<Self>> {
         let parameters = ModelParameters { shape: shape.clone(), finger, poisson };
-        let built = BUILT.get(&parameters, || {
+        BUILT.get(&parameters, || {
             let moduli = Moduli { young: YOUNG, poisson };
             let surrogate = SoftSurrogate::named("soft", shape, moduli, 1.0)?;
             let mesh = surrogate.body().mesh();
@@ -77,8 +77,7 @@ impl SoftObject {
             let shell = Arc::new(shell(mesh));
             let volumes = (0..mesh.tets.len()).map(|t| mesh.tet_volume(t)).collect();
             Ok(Self { surrogate, markers, shell, volumes, finger })
-        });
-        built.map(|built| Self::clone(&built))
+        })
     }
 
     /// Model of the object.

@@ -145,10 +145,7 @@ impl Deformation {
         }
     }
 
-    fn __reduce__<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyAny>, (Fields,))> {
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Fields,))> {
         let fields = (
             self.displacement.clone_ref(py),
             self.von_mises.clone_ref(py),

@@ -25,7 +25,8 @@ pub(crate) fn ranged(name: &str, value: i64, range: RangeInclusive<i64>) -> PyRe
     within.ok_or_else(|| refused(name, value, expected))
 }
 
-/// Returns `value` as a count, or an error if it is negative. What else is `expected`, the crate checks.
+/// Returns `value` as a count, or an error if it is negative. What else is `expected`, the crate
+/// checks.
 pub(crate) fn count(name: &str, value: i64, expected: &str) -> PyResult<usize> {
     usize::try_from(value).map_err(|_| refused(name, value, expected))
 }
@@ -94,11 +95,7 @@ pub(crate) fn index_rows<const N: usize>(
 }
 
 /// List of indices, from an array of them (…,), or of `length` booleans that are true for them.
-pub(crate) fn indices(
-    name: &str,
-    found: &Bound<'_, PyAny>,
-    length: usize,
-) -> PyResult<Vec<u32>> {
+pub(crate) fn indices(name: &str, found: &Bound<'_, PyAny>, length: usize) -> PyResult<Vec<u32>> {
     // numpy converts an empty list to an array of floats.
     if found.len().is_ok_and(|length| length == 0) {
         return Ok(Vec::new());

@@ -11,7 +11,7 @@ use ruffini_core::{
 
 use super::{
     Press, TetMesh,
-    arrays::{count, indices, numbers, read_only, rows, refused},
+    arrays::{count, indices, numbers, read_only, refused, rows},
 };
 use crate::error::python_error;
 
@@ -192,13 +192,13 @@ pub(super) fn pad_error(error: Error) -> PyErr {
 /// Where a mesh is to be fine.
 enum Around {
     Points(Vec<Point3<f64>>),
-    Press(deformation::Press),
+    Press(Box<deformation::Press>),
 }
 
 impl Around {
     fn from_python(found: &Bound<'_, PyAny>) -> PyResult<Self> {
         if let Ok(press) = found.cast::<Press>() {
-            return Ok(Self::Press(press.get().inner.clone()));
+            return Ok(Self::Press(Box::new(press.get().inner.clone())));
         }
         let points = rows::<3>("around", found)?;
         Ok(Self::Points(points.into_iter().map(Into::into).collect()))

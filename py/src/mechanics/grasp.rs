@@ -84,9 +84,8 @@ impl Grasp {
     /// Poses of the left and the right pad, a pair for each frame.
     #[getter]
     fn path<'py>(&self, py: Python<'py>) -> Vec<(Pose<'py>, Pose<'py>)> {
-        let pair = |[left, right]: &[Isometry3<f64>; 2]| {
-            (answer::pose(py, left), answer::pose(py, right))
-        };
+        let pair =
+            |[left, right]: &[Isometry3<f64>; 2]| (answer::pose(py, left), answer::pose(py, right));
         self.inner.path.iter().map(pair).collect()
     }
 
@@ -113,8 +112,7 @@ impl Grasp {
 }
 
 /// Arguments of `Grasp`.
-type Arguments<'py> =
-    (Shape, Vec<(Pose<'py>, Pose<'py>)>, Pose<'py>, Bound<'py, PyArray1<f64>>);
+type Arguments<'py> = (Shape, Vec<(Pose<'py>, Pose<'py>)>, Pose<'py>, Bound<'py, PyArray1<f64>>);
 
 /// One frame of a `Grasp`: object and pads in equilibrium.
 #[pyclass(frozen, get_all, module = "ruffini")]

@@ -83,6 +83,7 @@ impl TetMesh {
     ///         spaces and underscores. Axes after the first are merged into one.
     ///
     /// Raises:
+    ///     FileNotFoundError: If there is no such folder.
     ///     ValueError: If a field does not fit the mesh or the file cannot be written.
     #[pyo3(signature = (path, fields=None))]
     #[allow(clippy::needless_pass_by_value)] // Arguments come owned from Python.

@@ -98,7 +98,10 @@ impl Press {
     #[getter]
     fn path<'py>(&self, py: Python<'py>) -> PyResult<Option<Vec<Bound<'py, PyAny>>>> {
         let Drive::Translation { path } = self.inner.drive() else { return Ok(None) };
-        path.iter().map(|poses| frame_as_given(py, poses, self.single)).collect::<PyResult<_>>().map(Some)
+        path.iter()
+            .map(|poses| frame_as_given(py, poses, self.single))
+            .collect::<PyResult<_>>()
+            .map(Some)
     }
 
     /// Frame where the push begins; None of a press along a path.
@@ -225,7 +228,8 @@ pub(crate) fn pose(name: &str, found: &Bound<'_, PyAny>) -> PyResult<Isometry3<f
     let norm = quaternion.norm();
     let off = (norm - 1.0).abs();
     if off.is_nan() || off > SINGLE_PRECISION {
-        let (found, expected) = (format!("length {norm}"), format!("length 1 ± {SINGLE_PRECISION}"));
+        let (found, expected) =
+            (format!("length {norm}"), format!("length 1 ± {SINGLE_PRECISION}"));
         return Err(refused(&format!("{name}: quaternion"), found, expected));
     }
     let rotation = if off < DOUBLE_PRECISION {

@@ -146,8 +146,9 @@ impl ContactNodes {
 
     /// Identity of the model.
     pub(super) fn identity(&self) -> ModelIdentity {
-        let of_body = self.condensed.identity;
-        if self.grid().is_some() { of_body.with_numbering(Numbering::Cells) } else { of_body }
+        let is_grid = self.grid().is_some();
+        let numbering = if is_grid { Numbering::Cells } else { Numbering::ContactNodes };
+        self.condensed.identity.with_numbering(numbering)
     }
 
     /// Number of contact nodes M.

@@ -183,7 +183,8 @@ impl Table {
         let (mut table, mut at) = (self, away.map(|cells| cells as f32));
         while let Some(longer) = &table.longer {
             (table, at) = (longer, at.map(|cells| 0.5 * cells));
-            if (0..2).all(|axis| at[axis] + 1.0 < table.count[axis] as f32) {
+            let is_within = (0..2).all(|axis| at[axis] + 1.0 < table.count[axis] as f32);
+            if is_within || table.count == table.reach {
                 break;
             }
         }
@@ -536,7 +537,7 @@ mod tests {
         let kernel = LayerKernel::new([1.2e-3, 1.3e-3], 8, 4e-3, moduli);
         let (coarse, fine) = (kernel.level(6), kernel.level(7));
         assert!(coarse.reach[0] > STORED && fine.count == [STORED; 2]);
-        for cells in [STORED as i32 / 2 + 3, STORED as i32 + 40] {
+        for cells in [STORED.cast_signed() as i32 / 2 + 3, STORED.cast_signed() as i32 + 40] {
             let (far, own) = (matrix(&fine.at([-2 * cells, 20])), matrix(&coarse.at([-cells, 10])));
             assert!(far == own && own != Matrix3::zeros(), "{far} {own}");
             let [odd, sides] = [[2 * cells + 1, 21], [cells, 10]];
@@ -545,7 +546,7 @@ mod tests {
             let error = matrix(&fine.at(odd)) - mean.iter().sum::<Matrix3<f32>>();
             assert!(error.norm() < 1e-6 * own.norm(), "{error}");
         }
-        let end = fine.reach[1] as i32;
+        let end = fine.reach[1].cast_signed() as i32;
         assert!(fine.at([0, 1 - end]) != Columns::default());
         assert!([[0, end], [0, -end]].map(|away| fine.at(away)) == [Columns::default(); 2]);
     }

@@ -128,7 +128,7 @@ impl LayeredPad {
     /// precomputed data.
     pub fn with(&self, friction: f64, resolution: ContactResolution) -> Result<Self> {
         let law = ContactLaw::new(self.law.softness, friction)?;
-        Ok(Self { law, resolution, ..self.clone() })
+        Ok(Self { resolution, law, ..self.clone() })
     }
 
     /// Held faces of the pad.
