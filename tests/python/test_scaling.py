@@ -42,6 +42,7 @@ def test_cores_are_doubled_up_to_all_of_them(cores, counts, monkeypatch):
 def test_processes_that_step_at_once_tell_their_speed_and_memory():
     found = together(2, 2, "none", repeats=1)
     assert found["rate"] > 0
+    assert found["make"] > 0
     assert 0 <= found["per_environment"] < found["whole"] < 1e9
 
 
@@ -56,6 +57,7 @@ def test_the_table_of_costs_is_renewed_from_its_json(tmp_path, monkeypatch):
     from engine import pages
 
     measured = {"kilobytes_per_environment": 89.6, "megabytes_of_a_process": 51.2}
+    measured |= {"seconds_to_make": 0.021}
     measured |= {"processes": {"1": 8464.8}} | predicted({1: 8464.8, 2: 16000}, {1: 8e3, 2: 15e3})
     found = {"none": measured, "surrogate": measured}
     (tmp_path / "cost.json").write_text(json.dumps(found))
