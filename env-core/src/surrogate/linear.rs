@@ -44,9 +44,9 @@ struct Precomputed {
     fine: FineMesh,
 }
 
-/// Gel and meshes that determine precomputed data.
+/// Gel and meshes, which determine precomputed data.
 #[derive(Clone, PartialEq)]
-struct Gel {
+struct MeshedGel {
     outline: PadOutline,
     moduli: Moduli,
     /// Most nodes of the fine mesh.
@@ -56,7 +56,7 @@ struct Gel {
 }
 
 /// A hundred to two hundred megabytes each.
-static PRECOMPUTED: Recent<Gel, Precomputed> = Recent::new(2);
+static PRECOMPUTED: Recent<MeshedGel, Precomputed> = Recent::new(2);
 
 /// The fine mesh, and its response to contact.
 struct FineMesh {
@@ -137,7 +137,7 @@ impl LinearBaseline {
         check_friction(gel.friction)?;
         gel.moduli.check()?;
         let (outline, moduli) = (sensor.outline, gel.moduli);
-        let of = Gel { outline, moduli, nodes, cells: model.cells };
+        let of = MeshedGel { outline, moduli, nodes, cells: model.cells };
         let build = || Precomputed::new(&of, model);
         let precomputed = PRECOMPUTED.get(&of, build)?;
         let layered = precomputed.layered.with(gel.friction, resolution)?;
@@ -191,7 +191,7 @@ impl LinearBaseline {
 }
 
 impl Precomputed {
-    fn new(of: &Gel, model: &PadMesh) -> Result<Self> {
+    fn new(of: &MeshedGel, model: &PadMesh) -> Result<Self> {
         let (outline, moduli) = (&of.outline, of.moduli);
         let mesh = PadMesh::with_nodes(outline, of.nodes)?;
         let transfer = Transfer::new(&mesh.mesh, &model.mesh)?;
@@ -284,7 +284,8 @@ mod tests {
     fn pressed() -> (FineMesh, ContactSolution) {
         let sensor = Sensor::named("gelsight-mini").unwrap();
         let pad = sensor.pad(1000).unwrap();
-        let of = Gel { outline: sensor.outline, moduli: MODULI, nodes: 1000, cells: pad.cells };
+        let of =
+            MeshedGel { outline: sensor.outline, moduli: MODULI, nodes: 1000, cells: pad.cells };
         let fine = Precomputed::new(&of, &pad).unwrap().fine;
         let path = vec![vec![Isometry3::translation(1e-4, 0.0, 8e-3 - 5e-4)]];
         let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], path).unwrap();
