@@ -283,17 +283,19 @@ def test_an_ended_row_must_be_reset_when_autoreset_is_disabled():
 
 
 def memory() -> bytes:
-    """Bytes of one of the first environments of a process, and that 50,000 steps add later."""
+    """Bytes of one of the first environments, and of what thrice 25,000 steps add later."""
     from rollout_speed import memory_growth, memory_per_environment
 
     one = memory_per_environment(256)
     memory_growth(20_000)
-    return json.dumps([one, memory_growth(50_000)]).encode()
+    return json.dumps([one, [memory_growth(25_000) for _ in range(3)]]).encode()
 
 
 def test_memory_does_not_grow():
     one, grown = json.loads(fresh(memory))
-    assert one < 1e6 and grown < 5e6, f"{one:.0f} bytes, {grown:.0f} in 50,000 steps"
+    assert one < 1e6, f"{one:.0f} bytes"
+    # A leak grows each time, while the system's own bookkeeping now and then jumps by megabytes.
+    assert min(grown) < 1e6, f"bytes in 25,000 steps: {grown}"
 
 
 def test_threads_that_share_environments_are_told():
