@@ -88,7 +88,7 @@ pub enum Error {
     /// A load step that ends where no shape can get by pressing, even the smallest.
     #[error("no load step is short enough: {defect}")]
     StepTooLong {
-        /// What is wrong with the step.
+        /// Defect of the step.
         defect: StepDefect,
     },
     /// A displacement field that inverts a tetrahedron.

@@ -316,7 +316,7 @@ def known_of(part: int):
 
 
 def known_told(rows: list[dict[str, Any]]) -> str:
-    """How often errors are within what is predicted, over all episodes."""
+    """Share of errors within what is predicted, over all episodes."""
     told = []
     for part, what in enumerate(PREDICTED.values()):
         pairs = [pairs_of(row, part) for row in rows]

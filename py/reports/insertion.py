@@ -123,7 +123,7 @@ def felt(case: str, model: str, seed: int) -> dict[str, Any]:
 
 
 def values_of(rows: list[dict[str, Any]], name: str, states: Any = STATES) -> np.ndarray:
-    """What samples have by a name, those that lack it not a number."""
+    """Values of samples by a name, not a number where one lacks it."""
     lists = [row["samples"][state][name] for row in rows for state in states]
     return np.array([x for values in lists for x in values], float)
 
@@ -196,7 +196,7 @@ def by_peg(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def late(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """How much less of a change of the upward force in a control step is felt than there is.
+    """Share of a change of the upward force in a control step that is not felt.
 
     A straight line through 0 of what is felt less the rigid bodies' force over the change of the
     latter, by least squares: its slope, and the share of the squares that it explains.

@@ -33,7 +33,7 @@ SPAN = 5
 FORCE = "force of the fixture on the peg, in the hole's frame"
 YAW = "yaw of the hand from the hole's"
 ASIDE: dict[str, Any] = {"start": 0.016}
-"""Where a peg is over the block with all of its tip."""
+"""Place of a peg over the block with all of its tip."""
 ROOM = {"low": (-0.06, -0.06, 0.0337), "high": (0.06, 0.06, 0.2)}
 """Box in which the hand moves (m)."""
 FAST: dict[str, Any] = {"gripper": {"max_speed": 0.2}}
@@ -223,7 +223,7 @@ def balance(record: cases.Record) -> dict[str, NDArray[Any]]:
 
 
 def aside(record: cases.Record, found: dict[str, NDArray[Any]], of: str) -> NDArray[Any]:
-    """How far (m) the block's force, by the torque on the pads, acts from the tip's lowest part.
+    """Distance (m) of the block's force, by the torque on the pads, from the tip's lowest part.
 
     The torque about the vertical is left out: friction that turns the tip bears it, too. Not a
     number where the block hardly bears the peg.

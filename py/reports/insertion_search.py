@@ -20,7 +20,7 @@ PITCH, PACE = 1.6e-3, 0.014
 LIGHT, FIRM = 1.0, 3.0
 """Upward forces on the pads from which the peg touches, and from which it is pressed enough (N)."""
 DROPPED = 9e-4
-"""How far the hand sinks below where the peg first touched when it is in the hole (m)."""
+"""Depth of the hand below where the peg first touched, when the peg is in the hole (m)."""
 RISE, SINK, FALL = 0.15, -0.4, -0.6
 """Actions where the peg is pressed enough, where it is not, and before the search and after."""
 

@@ -38,7 +38,7 @@ FINER = {"truth_nodes": 900, "truth_linear_nodes": 5000, "truth_across": 14.0}
 """Presses that are solved again, and their meshes, as those of ``tests/reference/presses.py``."""
 PARTS = ("displacement", "stress", "force")
 COARSER = ", coarser"
-"""What follows the name of a press of the coarser dataset."""
+"""Suffix of the name of a press of the coarser dataset."""
 PLACES = {
     "in the middle, up to 70 %": (0.0, 0.7),
     "70 to 85 %": (0.7, 0.85),

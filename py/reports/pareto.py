@@ -23,7 +23,7 @@ ONE_THREAD = True
 PARTS = ("geometry", "deformation", "contact", "fem", "compliance")
 TRUTH_OF = [f"env-core/src/{part}" for part in PARTS]
 TRUTH_OF += ["py/reports/pareto_cases.py", "tests/reference/presses.py"]
-"""What the truth is made of, which is solved anew when it changes."""
+"""Sources of the truth, which is solved anew when they change."""
 MADE_OF = [*TRUTH_OF, "env-core/src/surrogate", "env-core/assets"]
 FINEST = {"full": 2000, "quick": 400}
 """Nodes of the mesh of the truth, without those in the middle of edges."""

@@ -32,7 +32,7 @@ KINDS = {
     "E, stand": ("young", "stiffness"),
     "E, offset, stand": ("young", "offset", "stiffness"),
 }
-"""What is fitted with each law and friction."""
+"""Parameters that are fitted with each law and friction."""
 SIZES: dict[str, dict[str, Any]] = {
     "full": {"nodes": 1000, "finer": 2000, "laws": LAWS, "draws": 100, "seed": 20261126},
     "quick": {"nodes": 200, "finer": 400, "laws": LAWS[:1], "draws": 5, "seed": 20261126},
@@ -101,7 +101,7 @@ def _fits(sizes: dict[str, Any]) -> list[tuple[tuple[str, ...], str, float, int]
 
 
 def _grid(fitted: tuple[str, ...], held: dict[str, float]) -> list[dict[str, float]]:
-    """What a table is solved for: all that is held or on its grid, in the order of `held`."""
+    """Parameters of a table: all that are held or on its grid, in the order of `held`."""
     axes = [name for name in GRIDS if name in fitted]
     corners = itertools.product(*(GRIDS[name] for name in axes))
     return [{**held, **dict(zip(axes, corner, strict=True))} for corner in corners]

@@ -180,7 +180,7 @@ def summary(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def slip_verdict(found: dict[str, Any]) -> str:
-    """What these seeds say, in words."""
+    """Result of these seeds, in words."""
     if not found:
         return ""
     order = ("surrogate", "fem", "fem shown")

@@ -1,4 +1,4 @@
-"""How far the solutions that the network of pads learns from are off, under deep presses.
+"""Errors of the solutions that the network of pads learns from, under deep presses.
 
 Five minutes of one core a shape. A shape is pressed straight down to 60 % of the Mini's thickness
 as the presses of both training sets are solved, and as the presses of `unseen` are; each is
@@ -37,7 +37,7 @@ COARSE, FINE, FINER = "800 presses", "106 presses", "reference of `unseen`"
 SETS = {COARSE: "indentations.toml", FINE: "indentations_finer.toml", FINER: "indentations.toml"}
 """Configuration of each way to solve a press, under tests/reference."""
 CHANGES = {FINER: presses.FINER}
-"""What differs from it."""
+"""Differences from it."""
 
 
 def make(options: Namespace) -> dict[str, Any]:

@@ -42,7 +42,7 @@ REFERENCE = [
 ]
 MADE_OF = ["env-core", "py/reports/unseen.py", *REFERENCE]
 TRUTH_OF = [*(f"env-core/src/{part}" for part in PHYSICS), *REFERENCE]
-"""What the truth is made of, which is solved anew when it changes."""
+"""Sources of the truth, which is solved anew when they change."""
 GROUPS: dict[str, Any] = {
     "all": lambda row: True,
     "feature 0.5 to 2 mm": lambda row: row["feature"] < 2e-3,
@@ -126,7 +126,7 @@ def solved(case: presses.DrawnPress, kept: Path) -> dict[str, np.ndarray]:
 
 
 def judged(number: int, others: dict[str, Path], kept: Path) -> dict[str, Any]:
-    """What was drawn, and the errors of every model in each frame whose truth is known."""
+    """Drawn press, and the errors of every model in each frame whose truth is known."""
     case = presses.DrawnPress.draw(number)
     truth = solved(case, kept)
     answers, seconds = {}, {}

@@ -59,7 +59,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def paragraph(found: dict[str, Any]) -> str:
-    """What the page says of it."""
+    """Sentences of the page on it."""
     spread = {
         part: [100 * found["errors"][part][share] for share in ("median", "95 %")] for part in PARTS
     }

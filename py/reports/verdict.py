@@ -133,7 +133,7 @@ def depth_below(case: dict, body: SoftBody) -> float:
 
 
 PAD = {"answerer", "mesh", "nodes", "young", "poisson", "friction", "law", "corrections", "free"}
-"""What a model of a pad is made from; finite elements from their kind, too."""
+"""Parts from which a model of a pad is made; finite elements from their kind, too."""
 OF_PAD = (*sorted(PAD), "element")
 
 

@@ -207,6 +207,7 @@ NOT_RIGHT = {
     "millimetres": ([(1e3 * d, f) for d, f in POINTS], "found a depth of 1.2 m.*seems to be in mm"),
     "micrometres": ([(1e6 * d, f) for d, f in POINTS], "a depth of 1200 m.*seems to be in µm"),
     "centimetres": ([(1e2 * d, f) for d, f in POINTS], "a depth of 0.12 m.*seems to be in cm"),
+    "centi- or millimetres": ([(150 * d, f) for d, f in POINTS], "seems to be in cm or mm"),
     "too deep": ([*POINTS, (2.2e-3, 20)], "found a depth of 0.0022 m, expected at most 0.002 m"),
     "deeper than the gel": ([(5.1e-3, 20)], "of 0.0051 m, deeper than the gel, .*thickness$"),
     "forces that fall": (FALLING, "curve.csv: found 0.35 N at 0.0012 m after 4.7 N, expected"),
@@ -242,6 +243,14 @@ OPTIONS = {
 def test_options_that_cannot_be_right_are_named(message, command, capsys):
     assert command(POINTS, *OPTIONS[message]) == 2
     assert re.search(message, capsys.readouterr().err)
+
+
+def test_too_few_nodes_for_a_shallow_contact_and_depths_in_km_are_named(command, capsys):
+    points = [(1e-3 * depth, force) for depth, force in POINTS]
+    assert command(points) == 2
+    assert "nodes: found 100, expected 2" in capsys.readouterr().err
+    assert command(points, "--nodes", "400") == 2
+    assert re.search("E would be .* Pa, expected .*are depths in m[?]", capsys.readouterr().err)
 
 
 def test_an_indenter_in_millimetres_is_named():

@@ -229,6 +229,13 @@ def test_a_copy_goes_on_as_the_original():
         np.testing.assert_array_equal(one[1], two[1])
 
 
+def test_a_single_ending_may_be_given_by_its_name():
+    env = CustomEnv(case(endings="down", ending=lambda self, state: {"down": np.ones(1, bool)}))
+    env.reset(seed=0)
+    *_, info = env.step(np.zeros(5, np.float32))
+    assert info["ending"] == "down"
+
+
 def case(**members):
     """A task that is wrong in some way."""
     return type("Wrong", (Low,), members)
@@ -267,7 +274,19 @@ def case(**members):
         ),
         (case(draw=lambda self, random: {"mass": np.full(2, np.nan)}), "draw mass: found .*nan"),
         (case(draw=lambda self, random: {"smell": np.ones(2)}), "start: found smell, expected one"),
-        (case(draw=lambda self, random: {"object": np.full(2, 0.5)}), "start object: found 0.5"),
+        (
+            case(draw=lambda self, random: {"object": np.full(2, 0.5)}),
+            "start object: found 0.5, expected a whole number within 0 to",
+        ),
+        (case(reward=Task.reward), "Wrong.reward: found none, expected a method that returns"),
+        (case(reads=None), "Wrong.reads: found None, expected a list of names"),
+        (case(endings=[1]), r"Wrong.endings: found \[1\], expected a list of names"),
+        (case(endings=["down", "down"]), "Wrong.endings: found 'down', which is there twice"),
+        (
+            case(endings=["engine_error", "down"]),
+            "Wrong.endings: found 'engine_error', which is a built-in task's, expected others",
+        ),
+        (case(endings=[f"{n}" for n in range(255)]), "Wrong.endings: found 255, expected at most"),
     ],
 )
 def test_wrong_rules_say_what_was_found_and_expected(task, message):

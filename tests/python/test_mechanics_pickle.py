@@ -23,7 +23,7 @@ TURNED = ((1e-3, 0.0, 3.7e-3), np.array([1.0, 2.0, 3.0, 40.0]) / np.sqrt(1614))
 
 
 def same(one, other) -> bool:
-    """Whether two answers have the same bits."""
+    """Return whether two answers have the same bits."""
     names = (name for name in vars(type(one)) if name[0] != "_" and name != "history")
     pairs = [(getattr(one, name), getattr(other, name)) for name in names]
     return bytes(one.history) == bytes(other.history) and all(

@@ -107,7 +107,7 @@ def test_models_of_one_gel_share_what_is_large():
 
 
 def forked_while_making() -> bytes:
-    """What a child says that was forked while a thread of its parent made a model."""
+    """Output of a child that was forked while a thread of its parent made a model."""
     maker = threading.Thread(target=LinearPad)
     maker.start()
     time.sleep(1.0)

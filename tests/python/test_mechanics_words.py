@@ -1,4 +1,4 @@
-"""How objects of the mechanics API say what they are, and what they were made of."""
+"""Objects of the mechanics API say what they are, and what they were made of."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ LEFT = (
     "python policies/report_ray.py",
 )
 JOB = {"SLURM_ARRAY_TASK_ID": "3", "SLURM_CPUS_PER_TASK": "1"}
-"""What Slurm sets in a job of an array."""
+"""Variables that Slurm sets in a job of an array."""
 TINY = "truth_nodes = 400\nmodel_nodes = 200\nforce = [1.0, 5.0]\n"
 """Configuration of a dataset that takes seconds."""
 PAGES = [

@@ -109,8 +109,8 @@ def test_what_stands_still_in_a_gif_keeps_its_colour(tmp_path):
     # Colours spread evenly over the cube: 255 of them are cells of about 40 levels a side.
     assert np.sqrt((off**2).mean()) < 20
     few = [np.full((40, 60, 3), k, np.uint8) for k in (0, 90, 180, 255)]
-    video.write(tmp_path / "b.gif", few)
-    with image.open(tmp_path / "b.gif") as picture:
+    video.write(tmp_path / "b.GIF", few)
+    with image.open(tmp_path / "b.GIF") as picture:
         assert (np.array(shown(picture, 1)) == 180).all(), "few colours are kept"
 
 

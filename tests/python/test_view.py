@@ -268,10 +268,14 @@ def test_the_skin_of_a_mesh_is_closed_and_looks_outward():
         (["--policy", "random", "--episodes", "0"], "expected a whole number from 1"),
         (["--policy", "random", "--seed", "-1"], "seed: found -1"),
         (["GraspLift", "3"], "expected the folder of a dataset"),
+        (["no/such/folder"], "InsertPeg, or the folder of a dataset"),
+        (["run"], "found a training run in run, expected a task or the folder of a dataset; --pol"),
     ],
 )
 def test_bad_input_is_one_line(words, text, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run/run.json").write_text("{}")
     assert commands.main(["view", *words]) == 2
     said = capsys.readouterr().err
     assert text in said and len(said.splitlines()) == 1

@@ -50,7 +50,7 @@ pub struct ModelIdentity {
     moduli: [f64; 2],
 }
 
-/// What the nodes and contact points of a model are, and so their numbers.
+/// Numbering of a model's nodes and contact points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Numbering {
     /// Nodes are the vertices of the mesh: of linear elements, and of linear elasticity with

@@ -90,7 +90,8 @@ impl GivenStart {
         let sound = value.is_nan() || whole && (low..=high).contains(&value);
         if !sound {
             let (name, _) = StartQuantity::NAMED[quantity as usize];
-            let expected = format!("within {low} to {high}, the range of the settings");
+            let number = if quantity == StartQuantity::Object { "a whole number " } else { "" };
+            let expected = format!("{number}within {low} to {high}, the range of the settings");
             return Err(Error::invalid(format!("start {name}"), value, expected));
         }
         self.0[quantity as usize] = (!value.is_nan()).then_some(value);

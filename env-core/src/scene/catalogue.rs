@@ -53,7 +53,7 @@ pub fn named(name: &str) -> Result<Shape> {
     })
 }
 
-/// What can stand in the place of an unknown `name`.
+/// Names that can stand in the place of an unknown `name`.
 fn known(name: &str) -> String {
     let known = CATALOGUE.join(", ");
     let solid = nearest_solid(name).map_or_else(String::new, |solid| {

@@ -89,7 +89,7 @@ def check(path: str | PathLike[str] | None) -> None:
         ValueError: If matplotlib is missing, or the file cannot be written or has another ending.
     """
     if path is not None:
-        if Path(path).suffix not in (".png", ".svg"):
+        if Path(path).suffix.lower() not in (".png", ".svg"):
             raise ValueError(f"plot: found {path}, expected a name that ends in .png or .svg")
         check_writable("plot", Path(path))
     if importlib.util.find_spec("matplotlib") is None:

@@ -42,6 +42,8 @@ __all__ = ["CustomEnv", "CustomVectorEnv", "Draws", "State", "Task", "register"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+_MOST_ENDINGS = 255
+"""Most endings of an environment, which count from 1 in a byte."""
 
 
 @dataclass(frozen=True)
@@ -109,11 +111,13 @@ class Task:
     """Names of the reward's terms with their weights: the reward is the sum of weight times
     term."""
 
-    reads: ClassVar[Sequence[str]] = ()
-    """Channels that the rules read and the agent need not observe, such as ``properties``."""
+    reads: ClassVar[str | Sequence[str]] = ()
+    """Channels that the rules read and the agent need not observe, such as ``properties``; one may
+    be given by its name alone."""
 
-    endings: ClassVar[Sequence[str]] = ()
-    """Names of the endings that :meth:`ending` may return."""
+    endings: ClassVar[str | Sequence[str]] = ()
+    """Names of the endings that :meth:`ending` may return, other than those of built-in tasks; one
+    may be given by its name alone."""
 
     def draw(self, random: Draws) -> Mapping[str, Floats]:
         """Quantities of the start of the next episodes; those left out are drawn as usual.
@@ -169,9 +173,7 @@ class _Custom(Native):
     def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
         super()._make(renderer, obs, settings)
         observed = [name for name, _ in self._batch.layout()]
-        reads = self._task.reads
-        reads = [reads] if isinstance(reads, str) else reads
-        read = [name for name in reads if name not in observed]
+        read = [name for name in _names(self._task.reads) if name not in observed]
         if read:
             settings["observation"] = [*observed, *read]
             self._batch = self._new_batch()
@@ -179,7 +181,8 @@ class _Custom(Native):
         self._make_spaces()
         self._base_terms = self._batch.reward_terms()
         self._terms = list(self._task.terms)
-        self._endings = [*ENDINGS, *self._task.endings]
+        self._own_endings = _names(self._task.endings)
+        self._endings = [*ENDINGS, *self._own_endings]
         self._failures = [code for code, name in enumerate(ENDINGS, 1) if name not in RULES]
         self._weights = np.array([self._task.terms[name] for name in self._terms])
         self._fresh = np.ones(self._count, np.bool_)
@@ -282,9 +285,9 @@ class _Custom(Native):
         if not isinstance(endings, Mapping):
             raise ValueError(f"ending: found {type(endings).__name__}, expected booleans by name")
         for name, rows in endings.items():
-            if name not in self._task.endings:
-                known = ", ".join(self._task.endings) or "none: `endings` lists no name"
-                near = nearest(str(name), self._task.endings)
+            if name not in self._own_endings:
+                known = ", ".join(self._own_endings) or "none: `endings` lists no name"
+                near = nearest(str(name), self._own_endings)
                 raise ValueError(f"ending: found {name!r}{near} expected one of {known}")
             new = self._booleans(name, rows) & ~restarted & ~step.terminated & ~ended
             step.ending[new] = self._endings.index(name) + 1
@@ -441,5 +444,22 @@ def _check(task: Any) -> None:
         if own not in rules and difflib.get_close_matches(own, rules, 1, 0.8):
             near = nearest(own, rules).rstrip("?")
             warnings.warn(f"{name}: {own!r} is no rule of a task{near}?", stacklevel=3)
-    if task.endings and task.ending is Task.ending:
-        raise ValueError(f"{name}.endings: found {list(task.endings)} and no method `ending`")
+    if task.reward is Task.reward:
+        raise ValueError(f"{name}.reward: found none, expected a method that returns the terms")
+    for listed in ("reads", "endings"):
+        found = getattr(task, listed)
+        if not isinstance(found, (str, Sequence)) or not all(isinstance(n, str) for n in found):
+            raise ValueError(f"{name}.{listed}: found {found!r}, expected a list of names")
+    endings = _names(task.endings)
+    if endings and task.ending is Task.ending:
+        raise ValueError(f"{name}.endings: found {endings} and no method `ending`")
+    if taken := [ending for k, ending in enumerate(endings) if ending in (*ENDINGS, *endings[:k])]:
+        whose = "a built-in task's" if taken[0] in ENDINGS else "there twice"
+        raise ValueError(f"{name}.endings: found {taken[0]!r}, which is {whose}, expected others")
+    if len(endings) > (most := _MOST_ENDINGS - len(ENDINGS)):
+        raise ValueError(f"{name}.endings: found {len(endings)}, expected at most {most}")
+
+
+def _names(listed: str | Sequence[str]) -> list[str]:
+    """Names of a list, or of one name alone."""
+    return [listed] if isinstance(listed, str) else list(listed)

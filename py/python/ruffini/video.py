@@ -40,9 +40,9 @@ def check(path: str | PathLike[str]) -> Path:
         ValueError: If the suffix is unknown, ffmpeg is missing, or the path cannot be written.
     """
     path = Path(path)
-    if path.suffix not in SIZES:
+    if path.suffix.lower() not in SIZES:
         raise ValueError(f"video: found {path}, expected a {' or '.join(SIZES)} file")
-    if path.suffix == ".mp4":
+    if path.suffix.lower() == ".mp4":
         _ffmpeg()
     check_writable("video", path)
     return path
@@ -55,7 +55,7 @@ def write(path: str | PathLike[str], frames: Sequence[RenderFrame], rate: int = 
         OSError: If the file cannot be written, or ffmpeg fails.
     """
     path = Path(path)
-    if path.suffix == ".gif":
+    if path.suffix.lower() == ".gif":
         shown = _in_few_colors(frames[::_GIF_STRIDE])
         path.write_bytes(encode_gif(shown, _GIF_STRIDE * 1000 // rate))
         return
@@ -136,7 +136,7 @@ def film(
             observations.
     """
     path, seeds = check(path), list(seeds)
-    size = dict(zip(("width", "height"), SIZES[path.suffix], strict=True))
+    size = dict(zip(("width", "height"), SIZES[path.suffix.lower()], strict=True))
     env = gym.make(env_id, render_mode="rgb_array", **size | settings)
     acting = as_policy(policy, env.observation_space)
     frames: list[RenderFrame] = []

@@ -149,7 +149,7 @@ def check(out: Path | None) -> Any:
         ValueError: If viser is missing, or the file is no .html or cannot be written.
     """
     if out is not None:
-        if out.suffix != ".html":
+        if out.suffix.lower() != ".html":
             raise ValueError(f"out: found {out}, expected a .html file")
         check_writable("out", out)
     try:

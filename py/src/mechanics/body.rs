@@ -189,7 +189,7 @@ pub(super) fn pad_error(error: Error) -> PyErr {
     })
 }
 
-/// Where a mesh is to be fine.
+/// Points around which a mesh is to be fine.
 enum Around {
     Points(Vec<Point3<f64>>),
     Press(Box<deformation::Press>),

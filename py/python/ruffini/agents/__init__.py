@@ -8,6 +8,7 @@ hyper-parameters, and `ruffini.agents.sb3` converts models of Stable-Baselines3 
 
 from __future__ import annotations
 
+import re
 from os import PathLike
 from pathlib import Path
 
@@ -118,7 +119,7 @@ def environment_id(task: str) -> str:
     if key in known:
         return known[key]
     expected = ", ".join(dict.fromkeys(tasks))
-    if "/" in task and not task.startswith("ruffini/"):
+    if re.fullmatch(r"[\w-]+/[\w-]+-v\d+", task) and not task.startswith("ruffini/"):
         raise ValueError(
             f"task: found {task!r}, expected a built-in one: {expected}; tasks of your own are for "
             "Python, with ruffini.evaluation.evaluate and ruffini.video.film"

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ruffini import OBJECTS
 from ruffini._core import read_sensor
 from ruffini._plot import check
+from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
 from ruffini.commands import shapes
 from ruffini.commands.fitting import (
@@ -41,6 +42,8 @@ _UNITS = {
 """In which parameters are printed."""
 _FORCES = {"mN": 1e-3, "gram-force": 9.81e-3, "kgf": 9.81, "kN": 1e3}
 """Units (N) in which forces may be by mistake."""
+_SHALLOW = 1e-5
+"""Depth (m) up to which the last of a curve is more likely in another unit."""
 _OTHER = 5.0
 """Ratio of Young's modulus to the sensor's, or its inverse, from which a file needs --force."""
 _WRONG = 0.25
@@ -174,10 +177,14 @@ def _curves(options: argparse.Namespace, thickness: float) -> list[Curve]:
 def _check_unit(curve: Curve, gel: GelModel, held: Mapping[str, float], usual: float) -> None:
     """Refuse forces that no gel bears, by a quick solve; `usual` is a likely modulus (Pa)."""
     deepest = curve.forces[-1]
-    young = deepest / gel.solve(curve.indenter, curve.depths[-1:], held)[0]
+    answered = gel.solve(curve.indenter, curve.depths[-1:], held)[0]
+    # So shallow a contact may lie between the nodes.
+    young = deepest / answered if answered > 0 else np.inf
     low, high = RANGES["young"]
     if not low <= young <= high:
         hint = f"; it seems to be in {unit}" if (unit := _unit(young, usual)) else ""
+        if curve.depths[-1] < _SHALLOW:
+            hint += "; are depths in m?"
         text = f"found {deepest:g} N at {curve.depths[-1]:g} m, for which E would be {young:.2g} Pa"
         raise ValueError(f"{curve.name}: {text}, expected {low:g} to {high:g} Pa{hint}")
 
@@ -233,7 +240,7 @@ def _report(problem: Problem, fit: Fit, left_out: list[NDArray[np.float64]]) -> 
         print(f"{'':<12} {names} cannot be told apart, correlation {fit.correlation[i, j]:+.3f}")
     count, points = len(fit.values), sum(len(curve.depths) for curve in problem.curves)
     few = "; so few that the intervals rest on errors being normal" if points < count + 10 else ""
-    print(f"{'points':<12} {points} for {count} parameters{few}")
+    print(f"{'points':<12} {points} for {counted(count, 'parameter')}{few}")
     for curve, *columns in zip(problem.curves, fit.errors, left_out, strict=True):
         print(f"{curve.name}: errors of the fit, and of the fit to all other points")
         for depth, force, here, left in zip(curve.depths, curve.forces, *columns, strict=True):

@@ -63,7 +63,7 @@ _YOUNG = 1e6
 """Young's modulus with which tables are solved (Pa)."""
 _DEEPEST = 0.5
 """Share of the gel's thickness to which it may be pressed."""
-_SHALLOWEST = 0.05
+_SHALLOWEST = 0.02
 """Share of the gel's thickness that the last depth has at least, where its unit is guessed."""
 _FALL = 0.25
 """Share of the largest force by which a force may lie below one at a smaller depth."""
@@ -116,8 +116,8 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
         raise ValueError(f"{path}, point {first + 2}: {text}, expected depths that increase")
     if depths[-1] > (most := _DEEPEST * thickness) * (1 + 1e-9):
         least = _SHALLOWEST * thickness
-        units = (u for u, m in _LENGTHS.items() if least <= depths[-1] * m <= most)
-        hint = f"; it seems to be in {unit}" if (unit := next(units, None)) else ""
+        units = [u for u, m in _LENGTHS.items() if least <= depths[-1] * m <= most]
+        hint = f"; it seems to be in {' or '.join(units)}" if units else ""
         deeper = ", deeper than the gel" if not hint and depths[-1] > thickness else ""
         text = f"expected at most {most:g} m, half of the gel's thickness{hint}"
         raise ValueError(f"{path}: found a depth of {depths[-1]:g} m{deeper}, {text}")
@@ -202,13 +202,19 @@ class GelModel:
     def _pad(self, scale: float, around: _Array | None = None) -> SoftBody:
         """The pad, its thickness scaled, its mesh refined towards points (K, 3)."""
         if scale == 1.0:
-            return ruffini.sensor(self.sensor, resolution=self.nodes, around=around)
+            return self._meshed(self.sensor, around)
         found = json.loads(read_sensor(self.sensor))
         found["outline"]["thickness"] *= scale
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "scaled.toml"
             file.write_text(toml(found))
-            return ruffini.sensor(str(file), resolution=self.nodes, around=around)
+            return self._meshed(str(file), around)
+
+    def _meshed(self, sensor: str, around: _Array | None) -> SoftBody:
+        try:
+            return ruffini.sensor(sensor, resolution=self.nodes, around=around)
+        except ValueError as error:
+            raise ValueError(str(error).replace("resolution: ", "nodes: ", 1)) from None
 
 
 @dataclass(frozen=True)

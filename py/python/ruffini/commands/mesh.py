@@ -82,7 +82,7 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _rest(down: Sequence[float], height: float, upright: float) -> str:
-    """How an object lies on the table, if not as in its file, of which it is `upright` (m) tall."""
+    """Pose of an object on the table, if not as in its file, of which it is `upright` (m) tall."""
     tilt = math.degrees(math.atan2(math.hypot(*down[:2]), -down[2]))
     if tilt < _UPRIGHT:
         return ""

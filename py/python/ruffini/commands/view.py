@@ -17,6 +17,7 @@ from ruffini import Deformation, dataset, objects, sensor, viewing
 from ruffini._frames import turned
 from ruffini._schema import control_period
 from ruffini._spaces import check_count, check_seed
+from ruffini.agents import RUN
 from ruffini.commands.policy import HELP, TASK, Chosen, choose
 from ruffini.dataset import Body, Dataset, Pad, PressFrame, SoftFrame
 from ruffini.evaluation import FIRST_SEED
@@ -101,6 +102,11 @@ def run(options: argparse.Namespace) -> None:
     """
     viewing.check(options.out)
     if options.what is not None and Path(options.what).is_dir():
+        if (Path(options.what) / RUN).is_file():
+            raise ValueError(
+                f"view: found a training run in {options.what}, expected a task or the folder of a "
+                f"dataset; --policy {options.what} shows its agent"
+            )
         viewing.view([_grasp(dataset.open(options.what), options.frame)], options.out)
         return
     if options.frame is not None:
