@@ -65,6 +65,7 @@ def test_a_task_has_many_spellings():
         ("GraspLift-v9", "task: found 'GraspLift-v9'"),
         ("", "task: found ''"),
         ("runs/none", "run: found none in runs/none, expected the folder of a training run"),
+        (__file__, "test_agents.py, expected the path of a .safetensors file, the folder of a run"),
         (".safetensors/", "the path of a .safetensors file, the folder of a run, or one of: "),
     ],
 )

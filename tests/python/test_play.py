@@ -203,6 +203,7 @@ def test_numbers_are_checked_before_anything_is_loaded(monkeypatch, capsys, of, 
         (["play", "--polcy", "scripted"], "play", "arguments: --polcy, did you mean '--policy'?"),
         (["play", "--polcy=random"], "play", "--polcy=random, did you mean '--policy'?"),
         (["agent", "train", "GraspLift", "--stps", "3"], "agent train", "did you mean '--steps'?"),
+        (["play", "--polic=random"], "play", "--polic=random, did you mean '--policy'?"),
         (["play", "GraspLift", "HoldStill"], "play", "unrecognized arguments: HoldStill\n"),
         (
             ["ply"],

@@ -68,6 +68,8 @@ def load(name: str | PathLike[str]) -> Agent:
         return Agent.read(checkpoint(path) / CHECKPOINT_AGENT)
     known = ", ".join(names()) or "none, for this build has no agents"
     expected = f"the path of a {SUFFIX} file, the folder of a run, or one of: {known}"
+    if path.is_file():
+        raise ValueError(f"agent: found {path}, expected {expected}")
     try:
         found = environment_id(str(name)).split("/")[-1]
     except ValueError as error:

@@ -30,7 +30,13 @@ _COMMANDS = (play, view, agent, dataset, network, press, mesh, sensor, calibrate
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser whose errors name the nearest option or choice, and the command that they are of."""
+    """Parser whose errors name the nearest option or choice, and the command that they are of.
+
+    An option is not understood by a part of its name, which may be a slip.
+    """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **{"allow_abbrev": False} | options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         options, rest = super().parse_known_args(args, namespace)
