@@ -23,6 +23,8 @@ from ruffini import Deformation, Fem, LinearPad, PressError, SoftBody, Surrogate
 
 MADE_OF = ["env-core", "py/reports/sensors.py", "py/reports/pareto_cases.py"]
 MINI_PAD, DIGIT_PAD, SOFTER = "Mini", "DIGIT", "Poisson's ratio 0.40"
+FLAT = dict.fromkeys(("radius_along", "radius_across"), float("inf"))
+FLAT |= dict.fromkeys(("rim_width", "rim_radius"), 0.0)
 PADS: dict[str, tuple[str, dict[str, float]]] = {
     MINI_PAD: ("gelsight-mini", {}),
     DIGIT_PAD: ("digit", {}),
@@ -31,6 +33,8 @@ PADS: dict[str, tuple[str, dict[str, float]]] = {
     "5 mm thick": ("gelsight-mini", {"thickness": 0.005}),
     "radius 50 mm": ("gelsight-mini", {"radius_along": 0.05, "radius_across": 0.05}),
     "15 × 15 × 3 mm": ("gelsight-mini", {"length": 0.015, "width": 0.015, "thickness": 0.003}),
+    "30 × 20 × 5 mm": ("gelsight-mini", {"length": 0.03, "width": 0.02, "thickness": 0.005}),
+    "flat": ("gelsight-mini", FLAT),
     "3 mm thick": ("gelsight-mini", {"thickness": 0.003}),
     "15 × 15 mm": ("gelsight-mini", {"length": 0.015, "width": 0.015}),
 }
