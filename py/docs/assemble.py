@@ -45,7 +45,8 @@ REFERENCE = {
         [
             *("Shape", "TetMesh", "SoftBody", "sensor", "Press", "History", "Deformation", "Fem"),
             *("Compliance", "LinearPad", "Surrogate", "SoftSurrogate", "PaperNetwork"),
-            *("PaperAnswer", "Grasp", "Grasped", "Transfer", "objects", "Object", "Antipodal"),
+            *("PaperAnswer", "Skin", "Grasp", "Grasped", "Transfer", "objects", "Object"),
+            "Antipodal",
             *("plot", "relative_error", "SimulationError", "PressError", "OutsideTrainingWarning"),
         ],
     ),

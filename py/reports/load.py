@@ -253,7 +253,9 @@ known. The second difference of three poses is a mean of the acceleration over t
 weighted by a triangle, and the felt wrench is given the same mean, (f₋ + 10 f + f₊)/12. Relative
 errors of force are |felt − needed| over the sum of weight, |m a| and external force; those of
 torque over that force times {sizes[arm of torques (mm)]:.0f} mm, about half the width of a contact.
-*Rigid bodies* are the wrenches that the rigid-body engine itself reports of the pads, in the same
+The felt wrench is the gel model's own answer at the end of a control step, before it corrects the
+springs that stand for the gel in the rigid-body engine; nothing corrects the answer itself. *Rigid
+bodies* are the wrenches that the engine applies, springs and corrections, in the same
 comparison. Where they miss the load too, part of the error is of the comparison (motion that is
 quicker than its samples) or of the engine's account, not of the model of the gel.
 

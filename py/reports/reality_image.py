@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 import colour
 from colour import Colour
-from engine import ROOT, Rows, grid, made, table, text
+from engine import ROOT, Rows, grid, made, run, table, text
+from ruffini import Press, PressError, Shape, Skin, Surrogate
 
-MADE_OF = ["py/reports/colour.py", "py/reports/colour_fit.py", "py/reports/reality_image.py"]
+MADE_OF = ["env-core/src/tactile", "env-core/src/surrogate", "env-core/assets/weights"]
+MADE_OF += ["py/reports/colour.py", "py/reports/colour_fit.py", "py/reports/reality_image.py"]
 MADE_OF += ["env-core/assets/sensors/gelsight-mini.toml", "tests/reference/gelsight_presses.npz"]
 REFERENCE = ROOT / "tests/reference"
 COEFFICIENTS = ROOT / "env-core/assets/sensors/gelsight-mini.toml"
@@ -23,6 +26,16 @@ FIGURES = REFERENCE / "gelsight_image.json"
 PRESSES = REFERENCE / "gelsight_presses.npz"
 SHAPE = (640, 480)
 """Pixels of a frame along and across."""
+NEAR = 40
+"""Distance from the middle that counts as near (pixels of the frame)."""
+RADII = (1.5e-3, 2e-3, 2.5e-3, 3e-3, 4e-3, 5e-3, 7e-3)
+"""Radii (m) that the ball may have, which nobody states."""
+DEPTHS = (1e-4, 1.6e-3)
+"""Depths (m) between which that of a press is sought."""
+STEP = 2e-4
+"""Longest load step (m)."""
+QUICK = 1
+"""Presses of the quick form."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +75,27 @@ class HeldOut:
         """Mean absolute error, of 255."""
         return 255 * float(np.abs(picture - self.real).mean())
 
+    @property
+    def near(self) -> NDArray[np.bool_]:
+        """Pixels (N, N) near the middle of contact."""
+        corner = np.round(self.middle).astype(int) - self.real.shape[0]
+        i, j = (
+            2 * np.arange(self.real.shape[0]) + 0.5 + c - m
+            for c, m in zip(corner, self.middle, strict=True)
+        )
+        return np.hypot(i, j[:, None]) <= NEAR
+
+    def judged(self, picture: NDArray[np.float64]) -> dict[str, float]:
+        """Mean absolute error (of 255) and structural similarity, in the window and near."""
+        error = 255 * np.abs(picture - self.real).mean(axis=2)
+        alike = colour.similarity(picture, self.real)
+        return {
+            "window": float(error.mean()),
+            "near": float(error[self.near].mean()),
+            "similarity": float(alike.mean()),
+            "similarity near": float(alike[self.near].mean()),
+        }
+
 
 def held_out() -> list[HeldOut]:
     """The presses that lie in `tests/reference`."""
@@ -72,6 +106,67 @@ def held_out() -> list[HeldOut]:
         HeldOut(int(number), picture / 255, middle.astype(float), distances, slopes.astype(float))
         for number, picture, middle, slopes in zip(*parts, strict=True)
     ]
+
+
+class Channel:
+    """The channel `image`, of a gel under a ball that the network solves."""
+
+    def __init__(self, pixel: float) -> None:
+        self.pixel = pixel
+        self._model = Surrogate()
+        along, across = (n // 2 for n in SHAPE)
+        self._skin = Skin(self._model.body, resolution={"image": (across, along)})
+        self._rest = self._skin.read("depth")
+
+    def picture(self, press: HeldOut, radius: float, depth: float) -> NDArray[np.float64] | None:
+        """The window of a press (N, N, 3) by a ball so deep (m); `None` if it is not solved."""
+        half = press.real.shape[0]
+        corner = np.round(press.middle).astype(int) - half
+        # A window from an odd pixel on is moved by one, with the ball.
+        corner, middle = corner + corner % 2, press.middle + corner % 2
+        x, y = (self.pixel * (m - (n - 1) / 2) for m, n in zip(middle, SHAPE[::-1], strict=True))
+        apart = np.hypot(*(self._skin.places["depth"] - (x, y)).T)
+        height = self._rest.ravel()[apart.argmin()] + radius
+        depths = np.linspace(0, depth, int(np.ceil(depth / STEP)) + 1)[1:]
+        path = [((x, y, height - d), (0, 0, 0, 1)) for d in depths]
+        answer = self._model.solve(Press(Shape.sphere(radius), path))[0]
+        if isinstance(answer, PressError):
+            return None
+        i, j = corner // 2
+        return self._skin.read("image", answer)[j : j + half, i : i + half]
+
+
+def by_radius(number: int, pixel: float) -> dict[str, Any]:
+    """Depth of a press with the least error in the window, and errors, for balls of each radius."""
+    channel, press = Channel(pixel), held_out()[number]
+
+    def error(depth: float, radius: float) -> float:
+        picture = channel.picture(press, radius, depth)
+        return np.inf if picture is None else press.error(picture)
+
+    found = []
+    for radius in RADII:
+        # The error may have several minima: the search begins at the least of a few depths.
+        some = np.linspace(*DEPTHS, 7)
+        least = min(some, key=lambda depth: error(depth, radius))
+        ends = np.clip([least - some[1] + some[0], least + some[1] - some[0]], *DEPTHS)
+        depth = minimize_scalar(
+            error, bounds=ends, args=(radius,), method="bounded", options={"xatol": 1e-5}
+        ).x
+        picture = channel.picture(press, radius, depth)
+        assert picture is not None
+        found.append({"radius": radius, "depth": float(depth), **press.judged(picture)})
+    return {"press": press.number, "balls": found}
+
+
+def chosen(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each press the ball whose error in the window is least on all the others."""
+    found = []
+    for row in rows:
+        others = [other for other in rows if other is not row] or [row]
+        sums = [sum(other["balls"][k]["window"] for other in others) for k in range(len(RADII))]
+        found.append({"press": row["press"], **row["balls"][int(np.argmin(sums))]})
+    return found
 
 
 def make(options: Namespace) -> dict[str, Any]:
@@ -87,7 +182,15 @@ def make(options: Namespace) -> dict[str, Any]:
         for press in held_out()
     ]
     fit = json.loads(FIGURES.read_text())
-    return rows.header | {"note": options.note, "fit": fit, "again": again}
+    numbers = range(QUICK if options.quick else len(again))
+    run(rows, {f"channel {n}": (by_radius, n, fit["pixel"]) for n in numbers})
+    presses = held_out()
+    reduced = {
+        "background": [p.judged(p.picture(colours, still=True)) for p in presses],
+        "ours": [p.judged(p.picture(colours)) for p in presses],
+        "the channel": chosen(sorted(rows, key=lambda row: row["press"])),
+    }
+    return rows.header | {"note": options.note, "fit": fit, "again": again, "reduced": reduced}
 
 
 HEIGHT = 4.2
@@ -115,6 +218,14 @@ change, which is kinder to it than the method is. *Flat* and *Hertz outside* are
 anew to the cap of a ball in a face that is flat outside contact or that of an elastic half space,
 with the ball and Gaussian of twelve pairs and the contact radii that fit best; *ours* takes the
 faces below.
+
+**The channel itself.** *Ours* takes its slopes from the real picture: it judges the colours alone.
+Here is the channel `image` of a gel that the network deforms under a ball, beside both, on the
+pictures reduced by 2 × 2 pixels. The radius of the ball, one of {radii} mm, is that with the least
+error on the other three presses ({balls} mm); the depth is that with the least error in the window
+({depths} mm), since neither is stated.
+
+{channel}
 
 **The contacts had to be found again.** The package states places and radii of contact. The pictures
 show the tip {fit[places][label apart][median]:.0f} pixels (median; at most {fit[places][label
@@ -164,6 +275,14 @@ ERRORS = {
     "near ": "{similarity near:.3f}",
     "frame ": "{similarity frame:.3f}",
 }
+FOUND = ("window", "near", "similarity", "similarity near")
+REDUCED = {
+    "picture": "{picture}",
+    "window": "{window:.2f}",
+    "near": "{near:.2f}",
+    "similarity, window": "{similarity:.3f}",
+    "near ": "{similarity near:.3f}",
+}
 CHOICES = {
     "degree in slopes": "{slopes}",
     "with the place": lambda row: (
@@ -187,6 +306,14 @@ def means(fit: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(found, key=lambda row: row["window"])
 
 
+def reduced(part: dict[str, Any]) -> list[dict[str, Any]]:
+    """Means over the presses of each reduced picture."""
+    return [
+        {"picture": name} | {key: float(np.mean([row[key] for row in rows])) for key in FOUND}
+        for name, rows in part["reduced"].items()
+    ]
+
+
 def rows(part: dict[str, Any]) -> list[dict[str, str]]:
     """The pictures that no colour was fitted to."""
     fit = part["fit"]
@@ -194,9 +321,12 @@ def rows(part: dict[str, Any]) -> list[dict[str, str]]:
     ours, theirs = found["ours"], found["Taxim, flat taken off"]
     row = {"what": f"{len(fit['held'])} pictures of a GelSight Mini under a ball"}
     row |= {"by": "the package `taxim`, measured", "ours": "colours by slope, of other presses"}
+    [channel] = [one for one in reduced(part) if one["picture"] == "the channel"]
     row["difference"] = (
-        f"{ours['window']:.2f} of 255, similarity {ours['similarity']:.3f} (Taxim's at best "
-        f"{theirs['window']:.2f} and {theirs['similarity']:.3f} with its own faces)"
+        f"{channel['window']:.2f} of 255, similarity {channel['similarity']:.3f} by the channel "
+        f"`image`; with the slopes of the real face {ours['window']:.2f} and "
+        f"{ours['similarity']:.3f} (Taxim's at best {theirs['window']:.2f} and "
+        f"{theirs['similarity']:.3f} with its own faces)"
     )
     return [row | {"because": "shadows, the place on the face, and the face around the contact"}]
 
@@ -227,6 +357,10 @@ def section(part: dict[str, Any]) -> str:
         held=", ".join(map(str, fit["held"])),
         errors=table(ERRORS, means(fit), absent="–"),
         scale=scale,
+        radii=", ".join(f"{1e3 * radius:g}" for radius in RADII),
+        balls=", ".join(f"{1e3 * row['radius']:g}" for row in part["reduced"]["the channel"]),
+        depths=", ".join(f"{1e3 * row['depth']:.2f}" for row in part["reduced"]["the channel"]),
+        channel=table(REDUCED, reduced(part)),
         peaks=", ".join(f"{peak:.2f}" for peak in fit["lights"]["steepest by start"].values()),
         choices=table(CHOICES, fit["choices"]),
         spread=" × ".join(f"{one:.1f}" for one in spread),
@@ -244,15 +378,26 @@ def section(part: dict[str, Any]) -> str:
 
 
 def draw(part: dict[str, Any], figure: Any) -> None:
-    """Real, ours and the difference of each press that was left out, as the camera gives them."""
-    colours = Colour.read(COEFFICIENTS)
+    """Real and ours, by the real face's slopes and by the channel, as the camera gives them."""
+    colours, channel = Colour.read(COEFFICIENTS), Channel(part["fit"]["pixel"])
+    balls = {row["press"]: row for row in part["reduced"]["the channel"]}
     presses = held_out()
-    axes = figure.subplots(2, 3 * len(presses) // 2, squeeze=False).reshape(-1, 3)
-    for row, press in zip(axes, presses, strict=True):
+    for row, press in zip(
+        figure.subplots(2, 2 * len(presses), squeeze=False).reshape(-1, 4), presses, strict=True
+    ):
         ours = press.picture(colours)
-        apart = np.clip(0.5 + 2 * (ours - press.real), 0, 1)
-        words = f"real press {press.number}", "ours", "ours less real, twice"
-        for axis, picture, word in zip(row, (press.real, ours, apart), words, strict=True):
-            axis.imshow(np.round(255 * colour.shown(picture)).astype(np.uint8))
-            axis.set_title(word)
+        felt = None
+        if ball := balls.get(press.number):
+            felt = channel.picture(press, ball["radius"], ball["depth"])
+        apart = np.clip(0.5 + 2 * ((ours if felt is None else felt) - press.real), 0, 1)
+        shown = {
+            f"real press {press.number}": press.real,
+            "ours, slopes of the real face": ours,
+            "ours, the channel": felt,
+            "the channel less real, twice": apart,
+        }
+        for axis, (word, picture) in zip(row, shown.items(), strict=True):
             axis.set_axis_off()
+            if picture is not None:
+                axis.imshow(np.round(255 * colour.shown(picture)).astype(np.uint8))
+                axis.set_title(word, fontsize=7)

@@ -16,7 +16,7 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, TryLockError},
 };
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{
     exceptions::PyRuntimeError,
@@ -191,22 +191,7 @@ impl Batch {
     fn skin<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let batch = self.held()?;
         let Some(touch) = batch.setup().tactile().pads() else { return Ok(None) };
-        let (skin, dict) = (touch.skin(), PyDict::new(py));
-        let points = |points: Vec<Point3<f64>>| {
-            let count = points.len();
-            let numbers = points.iter().flat_map(|p| p.coords.iter().copied());
-            PyArray1::from_iter(py, numbers).reshape([count, 3])
-        };
-        let plan = |places: Vec<[f64; 2]>| {
-            let count = places.len();
-            PyArray1::from_iter(py, places.into_flattened()).reshape([count, 2])
-        };
-        dict.set_item("markers", points(skin.markers())?)?;
-        dict.set_item("surface", points(skin.surface())?)?;
-        dict.set_item("grid", plan(skin.cells())?)?;
-        dict.set_item("depth", plan(skin.pixels())?)?;
-        dict.set_item("image", plan(skin.image_pixels())?)?;
-        Ok(Some(dict))
+        mechanics::skin::places(py, touch.skin()).map(Some)
     }
 
     /// Renders the scene of one row as a picture (height, width, 3).
@@ -405,7 +390,7 @@ mod _core {
     #[pymodule_export]
     use crate::mechanics::{
         Antipodal, Compliance, Deformation, Fem, Grasp, Grasped, History, LinearPad, Object,
-        PaperAnswer, PaperNetwork, Press, Shape, SoftBody, SoftSurrogate, Surrogate, TetMesh,
+        PaperAnswer, PaperNetwork, Press, Shape, Skin, SoftBody, SoftSurrogate, Surrogate, TetMesh,
         Transfer, objects, sensor,
     };
     #[pymodule_export]

@@ -30,8 +30,8 @@ struct Tip {
 fn tip(name: &str, resolution: Resolution) -> Tip {
     let config = TactileConfig { sensor: name.into(), resolution, ..TactileConfig::default() };
     let sensor = config.sensor().unwrap();
-    let (pad, body) = config.pad(&sensor).unwrap();
-    let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
+    let (_, body) = config.pad(&sensor).unwrap();
+    let skin = Skin::new(&body, &sensor, &config.resolution).unwrap();
     Tip { sensor, body, skin }
 }
 
@@ -192,8 +192,8 @@ fn the_depth_of_a_flat_pad_is_zero_and_follows_a_shift() {
     sensor.outline = PadOutline::flat(0.025, 0.020, 0.004);
     let pad = PadMesh::with_nodes(&sensor.outline, 500).unwrap();
     let (law, moduli) = TactileConfig::default().material(&sensor).unwrap();
-    let body = SoftBody::new(pad.mesh.clone(), law, moduli, &pad.base).unwrap();
-    let skin = Skin::new(&pad, &body, &sensor, &coarse()).unwrap();
+    let body = SoftBody::new(pad.mesh, law, moduli, &pad.base).unwrap();
+    let skin = Skin::new(&body, &sensor, &coarse()).unwrap();
     assert!(Channel::Depth.read(&skin, None, &[]).iter().all(|&z| z == 0.0));
     let felt = displaced(&body, |_| Vector3::new(2e-4, -1e-4, -3e-4));
     for z in Channel::Depth.read(&skin, Some(&felt), &[]) {
@@ -247,8 +247,8 @@ fn camera_of_slopes(steepest: f64) -> Tip {
         source: String::new(),
     });
     let config = TactileConfig { resolution: coarse(), ..TactileConfig::default() };
-    let (pad, body) = config.pad(&sensor).unwrap();
-    let skin = Skin::new(&pad, &body, &sensor, &config.resolution).unwrap();
+    let (_, body) = config.pad(&sensor).unwrap();
+    let skin = Skin::new(&body, &sensor, &config.resolution).unwrap();
     Tip { sensor, body, skin }
 }
 

@@ -32,7 +32,7 @@ pub use footprint::Footprint;
 pub(crate) use footprint::{COARSE, face, finer, gap};
 pub use graded_pad::GradedPad;
 pub use mesh_file::{read_solid, read_surface};
-pub use pad_mesh::{Grading, PadMesh, plan_shares};
+pub use pad_mesh::{Grading, PadMesh, plan_shares, under};
 pub use pad_outline::PadOutline;
 pub use rigid_fit::RigidFit;
 pub use rounded::Rounded;

@@ -314,14 +314,23 @@ pub(super) fn kuhn(nx: usize, ny: usize, nz: usize) -> Vec<[u32; 4]> {
 impl PadMesh {
     /// Triangle of the face at (x, y) with barycentric coordinates in plan, or `None` off the face.
     pub fn under(&self, x: f64, y: f64) -> Option<([u32; 3], [f64; 3])> {
-        /// Barycentric coordinate by which a point on a common edge may lie outside of both
-        /// neighbours.
-        const ROUNDING: f64 = 1e-9;
-        self.face_triangles.iter().find_map(|corners| {
-            let shares = plan_shares(&corners.map(|node| self.mesh.vertices[node as usize]), x, y)?;
-            shares.iter().all(|&share| share >= -ROUNDING).then_some((*corners, shares))
-        })
+        under(&self.mesh.vertices, &self.face_triangles, x, y)
     }
+}
+
+/// Triangle of a face at (x, y) with barycentric coordinates in plan, or `None` off the face.
+pub fn under(
+    vertices: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    x: f64,
+    y: f64,
+) -> Option<([u32; 3], [f64; 3])> {
+    /// Barycentric coordinate by which a point on a common edge may lie outside of both neighbours.
+    const ROUNDING: f64 = 1e-9;
+    triangles.iter().find_map(|corners| {
+        let shares = plan_shares(&corners.map(|node| vertices[node as usize]), x, y)?;
+        shares.iter().all(|&share| share >= -ROUNDING).then_some((*corners, shares))
+    })
 }
 
 /// Barycentric coordinates of (x, y) in the plan of a triangle, or `None` if that has no area.
@@ -367,6 +376,26 @@ mod tests {
                 assert!(most < 117.0, "{count} nodes: {most}°, expected 117° or less");
             }
         }
+    }
+
+    #[test]
+    fn the_face_of_a_pad_is_known_by_its_outline() {
+        for outline in outlines() {
+            let pad = PadMesh::with_nodes(&outline, 400).unwrap();
+            assert_eq!(outline.face_of(&pad.mesh), pad.face_triangles);
+            let graded = outline.graded(&[Point3::new(1e-3, 2e-3, 0.0)], 800).unwrap();
+            let area = |mesh: &TetMesh| {
+                let places = |t: &[u32; 3]| t.map(|i| mesh.vertices[i as usize]);
+                let in_plan = |[a, b, c]: [Point3<f64>; 3]| 0.5 * (b - a).cross(&(c - a)).z;
+                outline.face_of(mesh).iter().map(places).map(in_plan).sum::<f64>()
+            };
+            for mesh in [&pad.mesh, &graded.mesh] {
+                assert!((area(mesh) / (outline.length * outline.width) - 1.0).abs() < 1e-9);
+            }
+        }
+        let [crowned, flat] = outlines();
+        let pad = PadMesh::with_nodes(&crowned, 400).unwrap();
+        assert_eq!(flat.face_of(&pad.mesh), Vec::<[u32; 3]>::new());
     }
 
     #[test]

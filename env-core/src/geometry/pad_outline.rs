@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::TetMesh;
 use crate::{Error, Result};
 
 /// The undeformed shape of a gel pad: a rectangular block with a crowned face.
@@ -103,6 +104,18 @@ impl PadOutline {
         let over = beyond(x, self.width).hypot(beyond(y, self.length)).min(self.rim_width);
         let crown = sagitta(x, self.radius_across) + sagitta(y, self.radius_along);
         -crown - sagitta(over, self.rim_radius)
+    }
+
+    /// Triangles of a mesh's boundary that lie in the face, outward; none if it is no mesh of this
+    /// pad.
+    pub fn face_of(&self, mesh: &TetMesh) -> Vec<[u32; 3]> {
+        /// Distance from the face of vertices in it, relative to the thickness.
+        const ROUNDING: f64 = 1e-9;
+        let is_in_face =
+            |p: &Point3<f64>| (p.z - self.height(p.x, p.y)).abs() <= ROUNDING * self.thickness;
+        let in_face: Vec<_> = mesh.vertices.iter().map(is_in_face).collect();
+        let boundary = mesh.boundary().into_iter();
+        boundary.filter(|corners| corners.iter().all(|&i| in_face[i as usize])).collect()
     }
 
     /// Returns whether a point is in the pad.

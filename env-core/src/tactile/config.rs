@@ -117,6 +117,17 @@ impl Resolution {
             ("resolution.image", self.image, 512, "pixels of ``image``, likewise"),
         ]
     }
+
+    /// Returns an error if a count of markers, cells or pixels is out of range.
+    pub fn validate(&self) -> Result<()> {
+        for (name, counts, most, _) in self.counts() {
+            if !counts.iter().all(|count| (1..=most).contains(count)) {
+                let expected = format!("1 to {most} across and along");
+                return Err(Error::invalid(name, format!("{counts:?}"), expected));
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Settings of touch.
@@ -187,12 +198,7 @@ impl TactileConfig {
             let expected = format!("{} to {}", NODES.start(), NODES.end());
             return Err(Error::invalid("resolution.nodes", nodes, expected));
         }
-        for (name, counts, most, _) in self.resolution.counts() {
-            if !counts.iter().all(|count| (1..=most).contains(count)) {
-                let expected = format!("1 to {most} across and along");
-                return Err(Error::invalid(name, format!("{counts:?}"), expected));
-            }
-        }
+        self.resolution.validate()?;
         if let (Some(found), false) = (&self.network, self.choice == Choice::Surrogate) {
             let expected = "none where tactile is not \"surrogate\"";
             return Err(Error::invalid("network", found, expected));

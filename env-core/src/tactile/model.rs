@@ -12,7 +12,7 @@ use crate::{
     compliance::nodal::ContactResolution,
     deformation::{Deformation, DeformationModel, Law, Press, SoftBody, Wanted},
     fem::{Fem, FemOptions},
-    geometry::{PadMesh, Shape},
+    geometry::Shape,
     interrupt::Interrupt,
     sensor::Sensor,
     surrogate::{LinearPad, Surrogate},
@@ -121,8 +121,8 @@ impl TactilePad {
             return Ok(None);
         }
         let sensor = config.sensor()?;
-        let Some((model, pad, body)) = Model::new(config, &sensor)? else { return Ok(None) };
-        let skin = Arc::new(Skin::new(&pad, &body, &sensor, &config.resolution)?);
+        let Some((model, body)) = Model::new(config, &sensor)? else { return Ok(None) };
+        let skin = Arc::new(Skin::new(&body, &sensor, &config.resolution)?);
         Ok(Some(Self { skin, model }))
     }
 
@@ -170,10 +170,9 @@ impl Model {
         shapes.iter().zip(poses).map(|(shape, pose)| backing.outside(shape, pose)).collect()
     }
 
-    /// Builds the chosen model of the gel of `sensor`, with its pad and soft body; `None` for rigid
-    /// fingers.
-    fn new(config: &TactileConfig, sensor: &Sensor) -> Result<Option<(Self, PadMesh, SoftBody)>> {
-        let (pad, body) = config.pad(sensor)?;
+    /// Builds the chosen model of the gel of `sensor`, with its soft body; `None` for rigid fingers.
+    fn new(config: &TactileConfig, sensor: &Sensor) -> Result<Option<(Self, SoftBody)>> {
+        let (_, body) = config.pad(sensor)?;
         let on = body.clone();
         let model = match config.choice {
             Choice::None => return Ok(None),
@@ -187,7 +186,7 @@ impl Model {
             Choice::Fem => Self::Fem(Fem::new(on, FemOptions::default())?),
             Choice::Surrogate => Self::Surrogate(trained(config, sensor)?),
         };
-        Ok(Some((model, pad, body)))
+        Ok(Some((model, body)))
     }
 
     /// Returns whether solutions come with predicted errors.

@@ -16,7 +16,7 @@ use super::{
 use crate::{
     Error, Result,
     deformation::{Deformation, Moduli, SoftBody},
-    geometry::{PadMesh, Shape},
+    geometry::{Shape, TetMesh, under},
     sensor::Sensor,
 };
 
@@ -85,16 +85,17 @@ pub struct Skin {
 }
 
 impl Skin {
-    /// Prepares the surface of `pad`, whose soft body is `body`, with the markers and the camera of
-    /// `sensor`; returns an error if markers, cells or pixels lie beyond the face.
-    pub fn new(
-        pad: &PadMesh,
-        body: &SoftBody,
-        sensor: &Sensor,
-        resolution: &Resolution,
-    ) -> Result<Self> {
-        let places = pad.mesh.vertices.clone();
-        let boundary = pad.mesh.boundary();
+    /// Prepares the surface of a pad, `body`, with the markers and the camera of `sensor`; returns an
+    /// error if that is of another pad, or if markers, cells or pixels lie beyond the face.
+    pub fn new(body: &SoftBody, sensor: &Sensor, resolution: &Resolution) -> Result<Self> {
+        let mesh = body.mesh();
+        let triangles = sensor.outline.face_of(mesh);
+        if triangles.is_empty() {
+            let expected = format!("the pad of {}", sensor.name);
+            return Err(Error::invalid("body", "another one", expected));
+        }
+        let places = mesh.vertices.clone();
+        let boundary = mesh.boundary();
         let reach = reach(&places, &boundary);
         let away = reach.iter().map(|&(node, reach)| places[node as usize].coords.norm() + reach);
         let radius = away.fold(0.0, f64::max);
@@ -102,7 +103,7 @@ impl Skin {
         let free = reach.iter().map(|&(node, _)| node).filter(|n| fixed.binary_search(n).is_err());
         let free = free.collect();
         let find = |name: &str, [x, y]: [f64; 2]| {
-            pad.under(x, y).ok_or_else(|| {
+            under(&mesh.vertices, &triangles, x, y).ok_or_else(|| {
                 let found = format!("({x:.4}, {y:.4}) m");
                 Error::invalid(format!("{name} of {}", sensor.name), found, "places on the face")
             })
@@ -116,7 +117,7 @@ impl Skin {
         let markers = markers.collect::<Result<_>>()?;
         let outline = &sensor.outline;
         let grid = PlanGrid::filling([outline.width, outline.length], resolution.grid);
-        let shares = nodal_shares(pad);
+        let shares = nodal_shares(mesh);
         let stress = grid.centres().map(|place| Ok(spread(&find("grid", place)?, &shares)));
         let stress = stress.collect::<Result<_>>()?;
         let picture = PlanGrid::filling(view, resolution.image);
@@ -125,7 +126,6 @@ impl Skin {
             find("camera", [0, 1].map(|axis| pixels.centre(axis, pixels.counts[axis] - 1)))?;
         }
         let shell = Shell::new(&places, &boundary, &shares);
-        let triangles = pad.face_triangles.clone();
         let face = Face { places, triangles, outline: *outline };
         let image = sensor.camera.image.as_ref();
         let moduli = body.moduli()[0];
@@ -136,7 +136,7 @@ impl Skin {
             }),
             face,
             shell,
-            tets: pad.mesh.tets.len(),
+            tets: mesh.tets.len(),
             moduli,
             free,
             reach,
@@ -245,15 +245,15 @@ fn reach(places: &[Point3<f64>], boundary: &[[u32; 3]]) -> Vec<(u32, f64)> {
 }
 
 /// Tetrahedra around each node, with their shares of the volume (V).
-fn nodal_shares(pad: &PadMesh) -> Vec<Vec<(u32, f64)>> {
-    let around = pad.mesh.tets_of_vertices();
+fn nodal_shares(mesh: &TetMesh) -> Vec<Vec<(u32, f64)>> {
+    let around = mesh.tets_of_vertices();
     let of = |node: usize| {
         let tets = around.of(node as u32);
-        let volumes = tets.iter().map(|&tet| pad.mesh.tet_volume(tet as usize));
+        let volumes = tets.iter().map(|&tet| mesh.tet_volume(tet as usize));
         let volume: f64 = volumes.clone().sum();
         tets.iter().copied().zip(volumes.map(|v| v / volume)).collect()
     };
-    (0..pad.mesh.vertices.len()).map(of).collect()
+    (0..mesh.vertices.len()).map(of).collect()
 }
 
 /// Weights of the tetrahedra in the value at a site of a field given on them: the field is averaged

@@ -24,6 +24,7 @@ __all__ = [
     "PressError",
     "Shape",
     "SimulationError",
+    "Skin",
     "SoftBody",
     "SoftSurrogate",
     "Surrogate",
@@ -310,6 +311,18 @@ class Compliance:
     def contact(self) -> str: ...
     def solve(self, presses: Press | Sequence[Press]) -> list[Deformation | PressError]: ...
     def solve_path(self, press: Press) -> list[Deformation | PressError]: ...
+
+@final
+class Skin:
+    def __new__(
+        cls,
+        body: SoftBody,
+        sensor: str = "gelsight-mini",
+        resolution: Mapping[str, Any] | None = None,
+    ) -> Skin: ...
+    def read(self, channel: str, answer: Deformation | PressError | None = None) -> _Array: ...
+    @property
+    def places(self) -> dict[str, _Array]: ...
 
 @final
 class LinearPad:

@@ -1,14 +1,18 @@
 //! Python classes of deformations and histories.
 
-use nalgebra::Isometry3;
-use numpy::{PyArray1, PyArray2};
+use nalgebra::{Isometry3, Vector3};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::{
     prelude::*,
     types::{PyBytes, PyType},
 };
-use ruffini_core::deformation;
+use ruffini_core::deformation::{self, PredictedError, Wrench};
 
-use super::{Shape, arrays::array_of_vectors, press};
+use super::{
+    Shape,
+    arrays::{array_of_vectors, vectors},
+    press,
+};
 use crate::error::python_error;
 
 /// Equilibrium of a soft body with the shapes that press it, in the frame of the body.
@@ -54,6 +58,30 @@ pub(crate) struct Deformation {
 }
 
 impl Deformation {
+    /// The solution in the Rust crate.
+    pub(super) fn to_core(&self, py: Python<'_>) -> PyResult<deformation::Deformation> {
+        let numbers = |array: &Py<PyArray1<f64>>| array.bind(py).to_vec();
+        let of = |array: &Py<PyArray2<f64>>| vectors(array.bind(py));
+        let wrench = numbers(&self.wrench)?;
+        let vector = |from: usize| Vector3::from_column_slice(&wrench[from..from + 3]);
+        let history = self.history.get().inner.clone();
+        Ok(deformation::Deformation {
+            displacement: of(&self.displacement)?,
+            von_mises: numbers(&self.von_mises)?,
+            contact_force: of(&self.contact_force)?,
+            wrench: Wrench { force: vector(0), torque: vector(3) },
+            sliding: self.sliding,
+            poses: history.poses.clone(),
+            history,
+            iterations: self.iterations,
+            residual: self.residual,
+            seconds: self.seconds,
+            predicted_error: self.predicted_error.map(|(displacement, stress, force)| {
+                PredictedError { displacement, stress, force }
+            }),
+        })
+    }
+
     /// Converts the solution of a press by `shapes`; with `single`, the pose of the only shape is
     /// not put in a list.
     pub(super) fn of(

@@ -1,0 +1,153 @@
+//! Tactile channels of a pad's answers.
+
+use nalgebra::Point3;
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
+use pyo3::{
+    prelude::*,
+    types::{PyDict, PyList},
+};
+use ruffini_core::{
+    geometry,
+    sensor::Sensor,
+    tactile::{self, Channel, Resolution},
+};
+
+use super::{Deformation, SoftBody, arrays::refused};
+use crate::error::python_error;
+
+/// What a sensor reports of an answer: the channels of the environments, for presses of one's own.
+///
+/// Args:
+///     body: The pad, as of Surrogate.body, LinearPad.body or `ruffini.sensor`.
+///     sensor: Name of the sensor, or the path of its .toml file, for its markers and its camera.
+///     resolution: Counts across and along by name: "markers", "grid" (of stress and traction),
+///         "depth", "image". Those left out are as in the environments.
+///
+/// Raises:
+///     ValueError: If the body is no pad of this sensor, or a count is out of range.
+#[pyclass(frozen, module = "ruffini")]
+pub(crate) struct Skin {
+    inner: tactile::Skin,
+    nodes: usize,
+    sensor: String,
+}
+
+#[pymethods]
+impl Skin {
+    #[new]
+    #[pyo3(signature = (body, sensor="gelsight-mini", resolution=None))]
+    fn new(
+        py: Python<'_>,
+        body: &SoftBody,
+        sensor: &str,
+        resolution: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let resolution = match resolution {
+            Some(given) => {
+                let text = py.import("json")?.call_method1("dumps", (given,))?;
+                let text: String = text.extract()?;
+                serde_json::from_str(&text)
+                    .map_err(|error| refused("resolution", text, error.to_string()))?
+            }
+            None => Resolution::default(),
+        };
+        resolution.validate().map_err(python_error)?;
+        let make = || {
+            let file = Sensor::open(sensor)?;
+            tactile::Skin::new(&body.inner, &file, &resolution)
+        };
+        let inner = py.detach(make).map_err(python_error)?;
+        Ok(Self { inner, nodes: body.inner.mesh().vertices.len(), sensor: sensor.to_owned() })
+    }
+
+    /// Reads a channel.
+    ///
+    /// Args:
+    ///     channel: Name, as in the environments: "markers", "stress", "wrench", "image", ...
+    ///     answer: A Deformation of the body; without one, the pad is at rest.
+    ///
+    /// Returns:
+    ///     Numbers in the shape of the channel of one finger, in SI units.
+    ///
+    /// Raises:
+    ///     ValueError: If the channel is not known, the sensor has no such channel, or the answer is of
+    ///         another mesh.
+    ///     PressError: If `answer` is a PressError.
+    #[pyo3(signature = (channel, answer=None))]
+    fn read<'py>(
+        &self,
+        py: Python<'py>,
+        channel: &str,
+        answer: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let Some(known) = Channel::named(channel) else {
+            let names = Channel::ALL.map(Channel::name).join(", ");
+            return Err(refused("channel", channel, format!("one of {names}")));
+        };
+        if known == Channel::Image && !self.inner.has_image() {
+            return Err(refused("channel", channel, "another: the sensor's colours are not known"));
+        }
+        let (mut found, mut shapes) = (None, Vec::new());
+        if let Some(answer) = answer {
+            let answer = of_answer(answer)?;
+            let core = answer.get().to_core(py)?;
+            if core.displacement.len() != self.nodes {
+                let nodes = format!("{} nodes", core.displacement.len());
+                return Err(refused("answer", nodes, format!("{}, the body's", self.nodes)));
+            }
+            shapes.extend(answer.get().shapes.iter().map(|shape| shape.get().inner.clone()));
+            found = Some(core);
+        }
+        let entries = py.detach(|| {
+            let shapes: Vec<&geometry::Shape> = shapes.iter().collect();
+            known.read(&self.inner, found.as_ref(), &shapes)
+        });
+        let shape = match &known.specs(&self.inner)[..] {
+            [spec] => spec.shape.clone(),
+            _ => vec![entries.len()],
+        };
+        PyArray1::from_vec(py, entries).reshape(shape)
+    }
+
+    /// Places at rest by channel, as of an environment's `skin()`, in m.
+    #[getter]
+    fn places<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        places(py, &self.inner)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<ruffini.Skin of {}, {} nodes>", self.sensor, self.nodes)
+    }
+}
+
+/// The answer, or its error.
+fn of_answer<'a, 'py>(answer: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, Deformation>> {
+    if answer.is_instance_of::<crate::PressError>() {
+        return Err(PyErr::from_value(answer.clone()));
+    }
+    answer.cast::<Deformation>().map_err(|_| {
+        let kind = answer.get_type().name().map_or_else(|_| "?".into(), |name| name.to_string());
+        let list = if answer.is_instance_of::<PyList>() { "; one of the list" } else { "" };
+        refused("answer", kind, format!("a Deformation{list}"))
+    })
+}
+
+/// Places of markers and free surface nodes (…, 3), and in plan of cells and pixels (…, 2), in m.
+pub(crate) fn places<'py>(py: Python<'py>, skin: &tactile::Skin) -> PyResult<Bound<'py, PyDict>> {
+    let points = |points: Vec<Point3<f64>>| {
+        let count = points.len();
+        let numbers = points.iter().flat_map(|p| p.coords.iter().copied());
+        PyArray1::from_iter(py, numbers).reshape([count, 3])
+    };
+    let plan = |places: Vec<[f64; 2]>| {
+        let count = places.len();
+        PyArray1::from_iter(py, places.into_flattened()).reshape([count, 2])
+    };
+    let dict = PyDict::new(py);
+    dict.set_item("markers", points(skin.markers())?)?;
+    dict.set_item("surface", points(skin.surface())?)?;
+    dict.set_item("grid", plan(skin.cells())?)?;
+    dict.set_item("depth", plan(skin.pixels())?)?;
+    dict.set_item("image", plan(skin.image_pixels())?)?;
+    Ok(dict)
+}
