@@ -28,7 +28,7 @@ SHAPE = (640, 480)
 """Pixels of a frame along and across."""
 NEAR = 40
 """Distance from the middle that counts as near (pixels of the frame)."""
-RADII = (1.5e-3, 2e-3, 2.5e-3, 3e-3, 4e-3, 5e-3, 7e-3)
+RADII = (5e-4, 7.5e-4, 1e-3, 1.25e-3, 1.5e-3, 2e-3, 3e-3, 5e-3)
 """Radii (m) that the ball may have, which nobody states."""
 DEPTHS = (1e-4, 1.6e-3)
 """Depths (m) between which that of a press is sought."""
