@@ -223,7 +223,9 @@ faces below.
 Here is the channel `image` of a gel that the network deforms under a ball, beside both, on the
 pictures reduced by 2 × 2 pixels. The radius of the ball, one of {radii} mm, is that with the least
 error on the other three presses ({balls} mm); the depth is that with the least error in the window
-({depths} mm), since neither is stated.
+({depths} mm), since neither is stated. The real face is steepest at its tip and falls off smoothly,
+as under something pointed, where a ball's is steepest at the rim of its contact: what is left near
+the middle is as much of the indenter as of the gel.
 
 {channel}
 
@@ -324,7 +326,7 @@ def rows(part: dict[str, Any]) -> list[dict[str, str]]:
     [channel] = [one for one in reduced(part) if one["picture"] == "the channel"]
     row["difference"] = (
         f"{channel['window']:.2f} of 255, similarity {channel['similarity']:.3f} by the channel "
-        f"`image`; with the slopes of the real face {ours['window']:.2f} and "
+        f"`image` at half the size; with the slopes of the real face {ours['window']:.2f} and "
         f"{ours['similarity']:.3f} (Taxim's at best {theirs['window']:.2f} and "
         f"{theirs['similarity']:.3f} with its own faces)"
     )
