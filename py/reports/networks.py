@@ -189,7 +189,7 @@ solution 9.0 / 16.9 / 3.4 %, on 80 indenters): deeper presses are harder.
 Under three balls, 1.6 to 2.4 mm deep, its displacement is 4.0 to 12.4 % off from quadratic elements
 on fine meshes, where that of the network before was 6.8 to 19.1 %; its force is as far off as that
 one's, by 1.1 to 8.4 %. These presses were looked at while the data were chosen. [Errors against run
-time](pareto.md) are still of the network before. On what it learnt from the network is 5.2 % off in
+time](pareto.md) are of the present network. On what it learnt from the network is 5.2 % off in
 displacement and 5.5 in stress, on the indenters of validation 6.9 and 8.4, so more presses should
 still help; eight presses in a step, in place of 16, brought nothing in a run of twelve epochs. The
 first seed is shipped. Figures above on how well the truth is known are of the 800, of commit
