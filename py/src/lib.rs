@@ -251,6 +251,14 @@ impl Batch {
         Ok(PyArray1::from_iter(py, self.held()?.rows().iter().map(Row::needs_reset)))
     }
 
+    /// Presses of the pads of a row as its bodies stand, the one on -x first; `None` where nothing
+    /// touches.
+    fn presses(&self, py: Python<'_>, row: usize) -> PyResult<[Option<mechanics::Press>; 2]> {
+        let [a, b] = self.held()?.presses(row).map_err(python_error)?;
+        let wrap = |press: Option<_>| press.map(|press| mechanics::Press::of(py, press));
+        Ok([wrap(a).transpose()?, wrap(b).transpose()?])
+    }
+
     /// Quantities drawn for the episode of a row and poses of its bodies, in SI units; `None`
     /// before the first reset.
     fn look<'py>(&self, py: Python<'py>, row: usize) -> PyResult<Option<Bound<'py, PyDict>>> {

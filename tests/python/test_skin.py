@@ -138,3 +138,34 @@ def test_what_does_not_fit_is_named(model, skin, answer):
         Skin(model.body, "digti")
     with pytest.raises(ValueError, match="body: found another one, expected the pad of gels"):
         Skin(ruffini.sensor("digit", resolution=300), "gelsight-mini")
+
+
+def test_presses_of_an_environment_give_its_forces():
+    env = gym.make("ruffini/HoldStill-v0", objects="sphere", observation=["wrench"]).unwrapped
+    assert env.presses() == [None, None]
+    env.reset(seed=0)
+    for _ in range(5):
+        observation, *_ = env.step(np.zeros(5, np.float32))
+    model = Surrogate(friction=env.look()["friction"])
+    for press, wrench in zip(env.presses(), observation["wrench"].reshape(2, 6), strict=True):
+        assert press.history is None and len(press.path) == 1
+        found = model.solve(press)[0].wrench
+        # The press begins from rest: what friction has built up by sliding is not in it.
+        assert found[2] == pytest.approx(wrench[2], rel=0.02) and wrench[2] < -1.0
+    body = ruffini.sensor("gelsight-mini", resolution=1500, around=press)
+    assert Fem(body, friction=1.0).solve(press)[0].wrench[2] == pytest.approx(wrench[2], rel=0.15)
+
+
+def test_what_does_not_touch_or_is_rigid_has_no_press():
+    envs = ruffini.envs.GraspLiftVectorEnv(2)
+    envs.reset(seed=0)
+    assert envs.call("presses") == ([None, None],) * 2
+    assert envs.presses(1) == [None, None]
+    with pytest.raises(IndexError):
+        envs.presses(2)
+    rigid = gym.make("ruffini/HoldStill-v0", tactile="none").unwrapped
+    rigid.reset(seed=0)
+    assert rigid.presses() == [None, None]
+    soft = gym.make("ruffini/GraspSoft-v0").unwrapped
+    soft.reset(seed=0)
+    assert soft.presses() == [None, None]

@@ -258,7 +258,7 @@ def test_what_is_of_a_row_is_that_of_the_row_by_any_name():
     methods = [name for name in dir(envs) if callable(getattr(envs, name)) and name[0] != "_"]
     of_row = {name for name in methods if "row" in signature(getattr(envs, name)).parameters}
     # `render` is that of a row.
-    assert of_row - {"picture"} == {"look", "surfaces"} <= set(_rows._METHODS)
+    assert of_row - {"picture"} == {"look", "surfaces", "presses"} <= set(_rows._METHODS)
 
 
 def test_attributes_are_got_and_set_for_all_rows():

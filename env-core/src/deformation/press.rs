@@ -308,6 +308,13 @@ impl Press {
         &self.drive
     }
 
+    /// Press of the same shapes that begins from rest where this one ends; `None` for one that ends
+    /// at a force.
+    pub fn at_end(&self) -> Option<Result<Self>> {
+        let Drive::Translation { path } = &self.drive else { return None };
+        Some(Self::along(self.shapes.clone(), vec![path.last()?.clone()]))
+    }
+
     /// State from which the press starts; `None` for a start from rest.
     pub fn history(&self) -> Option<&History> {
         self.history.as_ref()

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     Error, Result,
-    deformation::{Deformation, Wanted},
+    deformation::{Deformation, Press, Wanted},
     geometry::Surface,
     render::{DeformationView, DeformedBodies, SceneRenderer, Viewpoint},
     scene::MOST_DISTRACTORS,
@@ -350,6 +350,15 @@ impl Batch {
             self.setup.stiffness(parameters),
         );
         Ok(deformation.map(|answer| answer?.ok()))
+    }
+
+    /// Presses of the pads of a row as its bodies stand, from rest; `None` where nothing can touch,
+    /// before the first reset, and of fingers that do not deform.
+    pub fn presses(&self, row: usize) -> Result<[Option<Press>; 2]> {
+        let row = self.rows.get(row).filter(|_| self.setup.tactile().pads().is_some());
+        let found = row.map_or(Ok([None, None]), |row| row.touch_again(&self.setup))?;
+        let [a, b] = found.map(|press| press.as_ref().and_then(Press::at_end));
+        Ok([a.transpose()?, b.transpose()?])
     }
 
     /// Saves each row as bytes, without the quantities given by [`Batch::give`].

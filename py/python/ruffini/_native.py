@@ -9,7 +9,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import Batch
+from ruffini._core import Batch, Press
 from ruffini._rows import expect_row
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import naming_nearest, to_json
@@ -158,6 +158,18 @@ class Native:
             IndexError: If there is no such row.
         """
         return self._batch.look(expect_row(row, self._count))
+
+    def presses(self, row: int = 0) -> list[Press | None]:
+        """Press of each pad of a row as its bodies stand now, the one on -x first.
+
+        Every model of the mechanics API solves it on the pad's body, `Fem` for one, from rest and
+        with the friction that the model has: that of the episode is in `look`. ``None`` where
+        nothing is near a pad, before a reset, and with rigid fingers.
+
+        Raises:
+            IndexError: If there is no such row.
+        """
+        return self._batch.presses(expect_row(row, self._count))
 
     def surfaces(
         self, row: int = 0

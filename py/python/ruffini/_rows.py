@@ -161,6 +161,10 @@ def _surfaces(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
     return [envs.surfaces(row) for row in rows]
 
 
+def _presses(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
+    return [envs.presses(row) for row in rows]
+
+
 def _skin(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
     return [envs.skin() for _ in rows]
 
@@ -175,6 +179,7 @@ _METHODS: dict[str, Callable[..., list[Any]]] = {
     "channels": _channels,
     "skin": _skin,
     "surfaces": _surfaces,
+    "presses": _presses,
 }
 """Methods of a single environment, as called for rows."""
 

@@ -148,6 +148,16 @@ impl Press {
     }
 }
 
+impl Press {
+    /// Wraps a press along a path of the Rust crate, which begins from rest.
+    pub(crate) fn of(py: Python<'_>, inner: deformation::Press) -> PyResult<Self> {
+        let shapes = inner.shapes().iter().cloned().map(|inner| Py::new(py, Shape { inner }));
+        let shapes: Vec<_> = shapes.collect::<PyResult<_>>()?;
+        let single = shapes.len() == 1;
+        Ok(Self { inner, shapes, single, direction: None, history: None })
+    }
+}
+
 /// Arguments of `Press`, by place and by name.
 type Arguments<'py> = ((Bound<'py, PyAny>,), Bound<'py, PyDict>);
 
