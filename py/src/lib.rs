@@ -252,7 +252,7 @@ impl Batch {
     }
 
     /// Presses of the pads of a row as its bodies stand, the one on -x first; `None` where nothing
-    /// touches.
+    /// is near.
     fn presses(&self, py: Python<'_>, row: usize) -> PyResult<[Option<mechanics::Press>; 2]> {
         let [a, b] = self.held()?.presses(row).map_err(python_error)?;
         let wrap = |press: Option<_>| press.map(|press| mechanics::Press::of(py, press));
@@ -275,6 +275,9 @@ impl Batch {
         dict.set_item("size", episode.scale)?;
         dict.set_item("mass", episode.mass)?;
         dict.set_item("friction", episode.friction)?;
+        if batch.setup().tactile().pads().is_some() {
+            dict.set_item("gel_stiffness", episode.gel_stiffness)?;
+        }
         if let Some(young) = episode.young {
             dict.set_item("young", young)?;
         }

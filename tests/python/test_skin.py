@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+from pathlib import Path
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ import pytest
 import ruffini
 from ruffini import Fem, LinearPad, Press, PressError, Shape, Skin, Surrogate
 
+ROOT = Path(__file__).parents[2]
 RADIUS, PLACE = 5e-3, np.array([2e-3, -3e-3])
 
 
@@ -114,11 +118,21 @@ def test_pads_of_any_model_and_sensor_have_a_skin():
     assert found[..., 2].min() < -2e-5
 
 
-def test_what_does_not_fit_is_named(model, skin, answer):
+def test_what_does_not_fit_is_named(model, skin, answer, tmp_path):
     with pytest.raises(ValueError, match="channel: found colour, expected one of markers, "):
         skin.read("colour")
-    with pytest.raises(ValueError, match=r"answer: found .* nodes, expected .*, the body's"):
+    with pytest.raises(ValueError, match="answer: found 900 nodes and 3528 tetrahedra"):
         Skin(ruffini.sensor("gelsight-mini", resolution=300)).read("markers", answer)
+    # The default pads of both sensors have as many nodes and tetrahedra.
+    mini, digit = (ruffini.sensor(name) for name in ("gelsight-mini", "digit"))
+    assert len(mini.mesh.tets) == len(digit.mesh.tets)
+    other = ruffini.Compliance(digit).solve(press(3e-4))[0]
+    with pytest.raises(ValueError, match="answer: found one on another mesh, expected one on the"):
+        Skin(mini).read("depth", other)
+    copy = pickle.loads(pickle.dumps(other))
+    with pytest.raises(ValueError, match="answer: found one on another mesh, expected one on the"):
+        Skin(mini).read("depth", copy)
+    assert Skin(digit, "digit").read("depth", copy).shape == (32, 24)
     with pytest.raises(ValueError, match="answer: found list, expected a Deformation; one of"):
         skin.read("markers", [answer])
     with pytest.raises(ValueError, match="answer: found int, expected a Deformation"):
@@ -130,14 +144,24 @@ def test_what_does_not_fit_is_named(model, skin, answer):
     cube = ruffini.TetMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 2, 3]])
     with pytest.raises(ValueError, match="body: found another one, expected the pad of gels"):
         Skin(ruffini.SoftBody(cube, 1e5, 0.45, fixed=[0]))
-    with pytest.raises(ValueError, match=r"resolution: found .*colour.*unknown field"):
+    with pytest.raises(ValueError, match=r"resolution: found .*colour.*by name .*unknown field"):
         Skin(model.body, resolution={"colour": (3, 3)})
+    with pytest.raises(ValueError, match="resolution: found nodes, expected none: they are the b"):
+        Skin(model.body, resolution={"nodes": 500})
+    with pytest.raises(ValueError, match=r"resolution: found .*, expected counts across and along"):
+        Skin(model.body, resolution={"image": object()})
+    counts = {"image": (np.int64(6), np.int64(8))}
+    assert Skin(model.body, resolution=counts).read("image").shape == (8, 6, 3)
     with pytest.raises(ValueError, match=r"resolution.image: found \[0, 3\], expected 1 to 512"):
         Skin(model.body, resolution={"image": (0, 3)})
     with pytest.raises(ValueError, match="sensor: found digti, expected one of"):
         Skin(model.body, "digti")
-    with pytest.raises(ValueError, match="body: found another one, expected the pad of gels"):
-        Skin(ruffini.sensor("digit", resolution=300), "gelsight-mini")
+    thick = tmp_path / "thick.toml"
+    text = (ROOT / "env-core/assets/sensors/gelsight-mini.toml").read_text()
+    thick.write_text(text.replace("thickness = 0.004", "thickness = 0.005"))
+    for name in ("digit", str(thick)):
+        with pytest.raises(ValueError, match="body: found another one, expected the pad of gels"):
+            Skin(ruffini.sensor(name, resolution=300), "gelsight-mini")
 
 
 def test_presses_of_an_environment_give_its_forces():
@@ -154,6 +178,18 @@ def test_presses_of_an_environment_give_its_forces():
         assert found[2] == pytest.approx(wrench[2], rel=0.02) and wrench[2] < -1.0
     body = ruffini.sensor("gelsight-mini", resolution=1500, around=press)
     assert Fem(body, friction=1.0).solve(press)[0].wrench[2] == pytest.approx(wrench[2], rel=0.15)
+
+
+def test_forces_of_a_stiffer_gel_are_the_press_times_its_stiffness():
+    settings = {"objects": "sphere", "observation": ["wrench"], "gel_stiffness": (2.0, 2.0)}
+    env = gym.make("ruffini/HoldStill-v0", **settings).unwrapped
+    env.reset(seed=0)
+    for _ in range(5):
+        observation, *_ = env.step(np.zeros(5, np.float32))
+    look = env.look()
+    assert look["gel_stiffness"] == 2.0
+    found = Surrogate(friction=look["friction"]).solve([p for p in env.presses() if p])[0].wrench
+    assert 2.0 * found[2] == pytest.approx(observation["wrench"].reshape(2, 6)[0, 2], rel=0.03)
 
 
 def test_what_does_not_touch_or_is_rigid_has_no_press():

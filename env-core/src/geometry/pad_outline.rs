@@ -111,8 +111,19 @@ impl PadOutline {
     pub fn face_of(&self, mesh: &TetMesh) -> Vec<[u32; 3]> {
         /// Distance from the face of vertices in it, relative to the thickness.
         const ROUNDING: f64 = 1e-9;
-        let is_in_face =
-            |p: &Point3<f64>| (p.z - self.height(p.x, p.y)).abs() <= ROUNDING * self.thickness;
+        let is_near = |a: f64, b: f64| (a - b).abs() <= ROUNDING * self.thickness;
+        let extent = |axis: usize, sign: f64| {
+            let along = mesh.vertices.iter().map(|p| sign * p[axis]);
+            along.fold(f64::NEG_INFINITY, f64::max)
+        };
+        let sides = [0.5 * self.width, 0.5 * self.length, self.thickness];
+        let is_as_large = sides.iter().enumerate().all(|(axis, &side)| {
+            is_near(extent(axis, -1.0), side) && (axis == 2 || is_near(extent(axis, 1.0), side))
+        });
+        if !is_as_large {
+            return Vec::new();
+        }
+        let is_in_face = |p: &Point3<f64>| is_near(p.z, self.height(p.x, p.y));
         let in_face: Vec<_> = mesh.vertices.iter().map(is_in_face).collect();
         let boundary = mesh.boundary().into_iter();
         boundary.filter(|corners| corners.iter().all(|&i| in_face[i as usize])).collect()

@@ -163,8 +163,9 @@ class Native:
         """Press of each pad of a row as its bodies stand now, the one on -x first.
 
         Every model of the mechanics API solves it on the pad's body, `Fem` for one, from rest and
-        with the friction that the model has: that of the episode is in `look`. ``None`` where
-        nothing is near a pad, before a reset, and with rigid fingers.
+        with the friction that the model has: that of the episode is in `look`, as is
+        ``gel_stiffness``, by which forces and stress are to be multiplied. ``None`` where nothing
+        is near a pad, before a reset, and with rigid fingers.
 
         Raises:
             IndexError: If there is no such row.

@@ -55,6 +55,8 @@ pub(crate) struct Deformation {
     predicted_error: Option<(f64, f64, f64)>,
     /// Shapes that pressed, for [`Surrogate::is_in_distribution`](super::surrogate::Surrogate).
     pub(super) shapes: Vec<Py<Shape>>,
+    /// Hash of the body's mesh, if it is known.
+    pub(super) mesh_hash: Option<u64>,
 }
 
 impl Deformation {
@@ -89,6 +91,7 @@ impl Deformation {
         answer: deformation::Deformation,
         shapes: Vec<Py<Shape>>,
         single: bool,
+        mesh_hash: Option<u64>,
     ) -> PyResult<Self> {
         let wrench = answer.wrench.force.iter().chain(answer.wrench.torque.iter());
         let pose = press::frame_as_given(py, &answer.poses, single)?.unbind();
@@ -106,6 +109,7 @@ impl Deformation {
             seconds: answer.seconds,
             predicted_error: error.map(|e| (e.displacement, e.stress, e.force)),
             shapes,
+            mesh_hash,
         })
     }
 }
@@ -123,7 +127,7 @@ type Fields = (
     f64,
     f64,
     Option<(f64, f64, f64)>,
-    Vec<Py<Shape>>,
+    (Vec<Py<Shape>>, Option<u64>),
 );
 
 /// Position (3,) and quaternion (4,).
@@ -155,7 +159,7 @@ impl Deformation {
             residual,
             seconds,
             predicted_error,
-            shapes,
+            (shapes, mesh_hash),
         ) = fields;
         Self {
             displacement,
@@ -170,6 +174,7 @@ impl Deformation {
             seconds,
             predicted_error,
             shapes,
+            mesh_hash,
         }
     }
 
@@ -186,7 +191,7 @@ impl Deformation {
             self.residual,
             self.seconds,
             self.predicted_error,
-            self.shapes.iter().map(|shape| shape.clone_ref(py)).collect(),
+            (self.shapes.iter().map(|shape| shape.clone_ref(py)).collect(), self.mesh_hash),
         );
         Ok((py.get_type::<Self>().getattr("_restore")?, (fields,)))
     }

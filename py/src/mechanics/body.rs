@@ -1,5 +1,7 @@
 //! Soft bodies, and the gel pads of known sensors.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use nalgebra::Point3;
 use numpy::PyArray1;
 use pyo3::{IntoPyObjectExt, prelude::*};
@@ -44,6 +46,8 @@ pub(crate) struct SoftBody {
     /// Nodes that never move, ascending, read-only.
     #[pyo3(get)]
     fixed: Py<PyArray1<u32>>,
+    /// Hash of the mesh, by which its answers are known.
+    pub(super) mesh_hash: u64,
 }
 
 #[pymethods]
@@ -125,7 +129,12 @@ impl SoftBody {
 
     fn of(mesh: Bound<'_, TetMesh>, inner: deformation::SoftBody) -> PyResult<Self> {
         let fixed = read_only(PyArray1::from_vec(mesh.py(), inner.fixed().to_vec()))?;
-        Ok(Self { inner, mesh: mesh.unbind(), fixed })
+        let mut hasher = DefaultHasher::new();
+        for place in &inner.mesh().vertices {
+            place.coords.iter().for_each(|x| x.to_bits().hash(&mut hasher));
+        }
+        inner.mesh().tets.hash(&mut hasher);
+        Ok(Self { inner, mesh: mesh.unbind(), fixed, mesh_hash: hasher.finish() })
     }
 }
 

@@ -322,7 +322,11 @@ pub(super) fn answer<'py>(
     match found {
         Ok(found) => {
             let shapes = press.shapes.iter().map(|shape| shape.clone_ref(py)).collect();
-            Ok(Bound::new(py, Deformation::of(py, found, shapes, press.single)?)?.into_any())
+            Ok(Bound::new(
+                py,
+                Deformation::of(py, found, shapes, press.single, Some(body.get().mesh_hash))?,
+            )?
+            .into_any())
         }
         Err(error) => {
             let unsolved = matches!(

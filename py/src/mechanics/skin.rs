@@ -29,6 +29,8 @@ use crate::error::python_error;
 pub(crate) struct Skin {
     inner: tactile::Skin,
     nodes: usize,
+    tets: usize,
+    mesh_hash: u64,
     sensor: String,
 }
 
@@ -44,10 +46,19 @@ impl Skin {
     ) -> PyResult<Self> {
         let resolution = match resolution {
             Some(given) => {
-                let text = py.import("json")?.call_method1("dumps", (given,))?;
-                let text: String = text.extract()?;
-                serde_json::from_str(&text)
-                    .map_err(|error| refused("resolution", text, error.to_string()))?
+                if given.contains("nodes")? {
+                    return Err(refused("resolution", "nodes", "none: they are the body's"));
+                }
+                let named = PyDict::new(py);
+                named.set_item("default", py.import("ruffini._settings")?.getattr("plain")?)?;
+                let text = py.import("json")?.call_method("dumps", (given,), Some(&named));
+                let text: String = text
+                    .and_then(|text| text.extract())
+                    .map_err(|_| refused("resolution", given, "counts across and along by name"))?;
+                serde_json::from_str(&text).map_err(|error| {
+                    let expected = format!("counts across and along by name ({error})");
+                    refused("resolution", text, expected)
+                })?
             }
             None => Resolution::default(),
         };
@@ -57,7 +68,9 @@ impl Skin {
             tactile::Skin::new(&body.inner, &file, &resolution)
         };
         let inner = py.detach(make).map_err(python_error)?;
-        Ok(Self { inner, nodes: body.inner.mesh().vertices.len(), sensor: sensor.to_owned() })
+        let mesh = body.inner.mesh();
+        let (nodes, tets) = (mesh.vertices.len(), mesh.tets.len());
+        Ok(Self { inner, nodes, tets, mesh_hash: body.mesh_hash, sensor: sensor.to_owned() })
     }
 
     /// Reads a channel.
@@ -91,9 +104,16 @@ impl Skin {
         if let Some(answer) = answer {
             let answer = of_answer(answer)?;
             let core = answer.get().to_core(py)?;
-            if core.displacement.len() != self.nodes {
-                let nodes = format!("{} nodes", core.displacement.len());
-                return Err(refused("answer", nodes, format!("{}, the body's", self.nodes)));
+            let sizes = [core.displacement.len(), core.contact_force.len(), core.von_mises.len()];
+            let [nodes, _, tets] = sizes;
+            if sizes != [self.nodes, self.nodes, self.tets] {
+                let expected = format!("{} and {}, the body's", self.nodes, self.tets);
+                let found = format!("{nodes} nodes and {tets} tetrahedra");
+                return Err(refused("answer", found, expected));
+            }
+            if answer.get().mesh_hash.is_some_and(|hash| hash != self.mesh_hash) {
+                let expected = "one on the mesh of this skin's body";
+                return Err(refused("answer", "one on another mesh", expected));
             }
             shapes.extend(answer.get().shapes.iter().map(|shape| shape.get().inner.clone()));
             found = Some(core);

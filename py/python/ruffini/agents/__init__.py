@@ -68,11 +68,11 @@ def load(name: str | PathLike[str]) -> Agent:
         return Agent.read(checkpoint(path) / CHECKPOINT_AGENT)
     known = ", ".join(names()) or "none, for this build has no agents"
     expected = f"the path of a {SUFFIX} file, the folder of a run, or one of: {known}"
-    if path.is_file():
-        raise ValueError(f"agent: found {path}, expected {expected}")
     try:
         found = environment_id(str(name)).split("/")[-1]
     except ValueError as error:
+        if path.is_file():
+            raise ValueError(f"agent: found {path}, expected {expected}") from None
         if len(path.parts) > 1 or (path.parts and path.is_dir()):
             checkpoint(path)
         raise ValueError(f"{error}; or {expected}") from None
@@ -121,7 +121,7 @@ def environment_id(task: str) -> str:
     if key in known:
         return known[key]
     expected = ", ".join(dict.fromkeys(tasks))
-    if re.fullmatch(r"[\w-]+/[\w-]+-v\d+", task) and not task.startswith("ruffini/"):
+    if re.fullmatch(r"[\w:.-]+/[\w:.-]+-v\d+", task) and not task.startswith("ruffini/"):
         raise ValueError(
             f"task: found {task!r}, expected a built-in one: {expected}; tasks of your own are for "
             "Python, with ruffini.evaluation.evaluate and ruffini.video.film"
