@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -104,6 +105,28 @@ def resident_bytes() -> int:
     """Memory of this process that is in use."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+class _Malloc(ctypes.Structure):
+    """The GNU C library's `struct mallinfo2`."""
+
+    _fields_ = (
+        *((name, ctypes.c_size_t) for name in ("arena", "ordblks", "smblks", "hblks", "hblkhd")),
+        *((name, ctypes.c_size_t) for name in ("usmblks", "fsmblks", "uordblks", "fordblks")),
+        ("keepcost", ctypes.c_size_t),
+    )
+
+
+def allocated_bytes() -> int:
+    """Memory that was allocated and not freed, to the byte.
+
+    Other than the memory in use it does not grow while the allocator of each thread still gathers
+    what it keeps for later. Python's small objects are counted if PYTHONMALLOC is `malloc`.
+    """
+    mallinfo = ctypes.CDLL(None).mallinfo2
+    mallinfo.restype = _Malloc
+    found = mallinfo()
+    return int(found.uordblks + found.hblkhd)
 
 
 def memory_per_environment(n: int = 512, **settings: Any) -> float:

@@ -283,37 +283,24 @@ def test_an_ended_row_must_be_reset_when_autoreset_is_disabled():
 
 
 def memory() -> bytes:
-    """Bytes of one of the first environments, and of what thrice 25,000 steps add later."""
-    from rollout_speed import memory_growth, memory_per_environment
+    """Bytes of one of the first environments, and what each 25,600 steps more add to many."""
+    from timing import allocated_bytes, make, memory_per_environment, random_steps
 
     one = memory_per_environment(256)
-    memory_growth(20_000)
-    return json.dumps([one, [memory_growth(25_000) for _ in range(3)]]).encode()
+    step = random_steps(make(256, 8), 256)
+    allocated = []
+    for _ in range(5):
+        for i in range(100):
+            step(i)
+        allocated.append(allocated_bytes())
+    return json.dumps([one, np.diff(allocated).tolist()]).encode()
 
 
-def test_memory_does_not_grow():
+def test_memory_does_not_grow(monkeypatch):
+    # What is allocated is counted, for on many cores what is in use grows for longer: by what the
+    # allocator of each thread keeps for later.
+    monkeypatch.setenv("PYTHONMALLOC", "malloc")
     one, grown = json.loads(fresh(memory))
     assert one < 1e6, f"{one:.0f} bytes"
-    # A leak grows each time, while the system's own bookkeeping now and then jumps by megabytes.
-    assert min(grown) < 1e6, f"bytes in 25,000 steps: {grown}"
-
-
-def test_threads_that_share_environments_are_told():
-    envs = GraspLiftVectorEnv(8)
-    envs.reset(seed=0)
-    said, acts = [], np.zeros((8, 5))
-
-    def work():
-        while not said:
-            try:
-                envs.step(acts)
-            except RuntimeError as error:
-                said.append(str(error))
-
-    threads = [Thread(target=work, daemon=True) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60)
-    assert "found in another call, expected one thread at a time" in said[0]
-    envs.step(acts)
+    # A leak grows each time, other than what episodes at different steps hold.
+    assert min(grown) < 5e5, f"bytes in 25,600 steps: {grown}"
