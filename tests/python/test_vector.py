@@ -6,7 +6,6 @@ import json
 import pickle
 from functools import cache
 from inspect import signature
-from threading import Thread
 
 import gymnasium as gym
 import numpy as np
