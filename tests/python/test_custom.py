@@ -8,11 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from conftest import MODES, actions
+from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
 
 import ruffini
 from rollout_speed import LiftInPython
 from ruffini.custom import CustomEnv, CustomVectorEnv, Task, register
+from ruffini.policies import part
 
 RIGID = {"tactile": "none", "observation": "proprio"}
 TOOL = "tool centre position"
@@ -217,6 +219,103 @@ def test_gymnasium_wraps_single_environments_in_turn_and_the_batch_as_a_whole():
     np.testing.assert_array_equal(rewards[1], 0.5 * rewards[2])
 
 
+class Remembering(Low):
+    """Observes the steps of the episode, and its last action, height and one term of the base."""
+
+    terms = {"low": 2.0, "seen": 1.0}
+    reads = ["properties"]
+    observation = {
+        "steps": Box(0, 1e6, (1,), np.float32),
+        "last": Box(-9, 9, (7,), np.float32),
+    }
+
+    def start(self, state, rows):
+        if not hasattr(self, "steps"):
+            self.steps = np.zeros(len(state.action))
+        self.steps[rows] = 0
+
+    def reward(self, state):
+        self.steps += 1
+        return super().reward(state) | {"seen": self.steps}
+
+    def observe(self, state):
+        height = state.part("proprio", TOOL)[:, 2:]
+        paid = state.base_terms["reach"][:, None]
+        last = np.concatenate([state.action, height, paid], axis=1)
+        return {"steps": self.steps, "last": last}
+
+
+@pytest.fixture
+def remembering():
+    register("test/Remembering-v0", Remembering)
+    yield "test/Remembering-v0"
+    gym.registry.pop("test/Remembering-v0")
+
+
+def test_own_observations_stand_between_those_of_the_base_and_those_that_rules_read(remembering):
+    env = gym.make(remembering)
+    check_env(env.unwrapped, skip_render_check=True)
+    names = [name for name, _ in env.unwrapped.channels()]
+    assert names == ["proprio", "steps", "last", "properties"]
+    assert set(env.observation_space) == set(names[:-1])
+    assert env.observation_space["last"] == Remembering.observation["last"]
+    seen, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(seen["last"][:5], 0)
+    down = np.array([0, 0, -1, 0, 0], np.float32)
+    seen, *_ = env.step(down)
+    flat = CustomVectorEnv(Remembering, 1, obs="flat")
+    flat.reset(seed=[0])
+    whole, *_ = flat.step(down[None])
+    np.testing.assert_array_equal(whole[0], np.concatenate(list(seen.values())))
+    assert part(seen, "last", "last", env.unwrapped.channels()).shape == (7,)
+    assert seen["last"][5] == part(seen, "proprio", TOOL)[2]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_own_observations_begin_and_end_with_their_episodes(mode):
+    envs = CustomVectorEnv(Remembering, 3, autoreset_mode=mode, max_episode_steps=30)
+    envs.reset(seed=0)
+    steps, ended = np.zeros(3), np.zeros(3, bool)
+    ends = 0
+    for action in actions(3, 80):
+        action[:, 2] -= 0.8
+        if mode == "Disabled" and ended.any():
+            first, _ = envs.reset(options={"reset_mask": ended})
+            steps[ended] = 0
+            np.testing.assert_array_equal(first["steps"][:, 0], steps)
+            assert (first["last"][ended, :5] == 0).all() and first["last"][~ended, :5].any(1).all()
+        seen, _, terminated, truncated, info = envs.step(action)
+        began = ended & (mode == "NextStep")
+        steps = np.where(began, 0, steps + 1)
+        ended = terminated | truncated
+        if mode == "SameStep":
+            for row in np.flatnonzero(ended):
+                last = info["final_obs"][row]
+                assert last["steps"] == steps[row]
+                np.testing.assert_array_equal(last["last"][:5], np.float32(action[row]))
+            began = ended
+            steps[ended] = 0
+        ends += ended.sum()
+        np.testing.assert_array_equal(seen["steps"][:, 0], steps)
+        np.testing.assert_array_equal(
+            seen["last"][:, :5], np.where(began[:, None], 0, np.float32(action))
+        )
+        np.testing.assert_array_equal(
+            seen["last"][:, 5], part(seen, "proprio", TOOL, envs.channels())[:, 2]
+        )
+    assert ends > 3
+
+
+def test_stable_baselines3_sees_own_observations_of_the_last_state(remembering):
+    sb3 = pytest.importorskip("ruffini.sb3")
+    envs = sb3.make_vec_env(remembering, n_envs=2, max_episode_steps=5)
+    envs.reset()
+    for _ in range(5):
+        seen, _, dones, infos = envs.step(np.zeros((2, 5)))
+    assert dones.all() and (seen["steps"] == 0).all()
+    assert all(info["terminal_observation"]["steps"] == 5 for info in infos)
+
+
 def test_a_copy_goes_on_as_the_original():
     envs = CustomVectorEnv(Low, 2, autoreset_mode="SameStep")
     envs.reset(seed=1)
@@ -234,6 +333,12 @@ def test_a_single_ending_may_be_given_by_its_name():
     env.reset(seed=0)
     *_, info = env.step(np.zeros(5, np.float32))
     assert info["ending"] == "down"
+
+
+def watching(observe, **boxes):
+    """A task whose own observations are wrong in some way."""
+    boxes = boxes or {"far": Box(0, 1, (2,), np.float32)}
+    return case(observation=boxes, observe=lambda self, state: observe)
 
 
 def case(**members):
@@ -285,6 +390,23 @@ def case(**members):
         (
             case(endings=["engine_error", "down"]),
             "Wrong.endings: found 'engine_error', which is a built-in task's, expected others",
+        ),
+        (watching({"near": 0}), r"observe: found \['near'\], expected the channels \['far'\]"),
+        (watching([1]), r"observe: found list, expected the channels \['far'\]"),
+        (
+            watching({"far": np.ones(2)}),
+            r"observe far: found float64 of shape \(2,\), expected numbers of shape \(2, 2\)",
+        ),
+        (watching({"far": [[0, 1], [2, 1e39]]}), r"observe far: found 1e\+39 in row 1, expected"),
+        (
+            watching({}, far=Box(0, 1, (2, 2))),
+            r"Wrong.observation 'far': found Box.*, expected Box",
+        ),
+        (watching({}, markers=Box(0, 1)), "'markers': found a built-in channel's name"),
+        (case(observation=["far"]), r"Wrong.observation: found \['far'\], expected boxes by name"),
+        (
+            case(observation={"far": Box(0, 1, (2,))}),
+            r"Wrong.observation: found \['far'\] and no method `observe`",
         ),
         (case(endings=[f"{n}" for n in range(255)]), "Wrong.endings: found 255, expected at most"),
     ],

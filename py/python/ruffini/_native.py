@@ -103,7 +103,7 @@ class Native:
         self._endings = ENDINGS
 
     def _make_spaces(self) -> None:
-        self._spaces = Spaces(self._batch, self._obs, self._observed)
+        self._spaces = Spaces(self.channels(), self._obs, self._observed)
 
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK, self._ARGUMENTS)

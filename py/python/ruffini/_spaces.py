@@ -29,6 +29,9 @@ RenderFrame = NDArray[np.uint8]
 Camera = str | Mapping[str, Any]
 """A name, or a mapping with ``position``, ``target`` (m) and maybe ``field_of_view`` (rad)."""
 
+Layout = Sequence[tuple[str, list[tuple[str, list[float], list[float], str]]]]
+"""Channels with their components: name, lower bounds, upper bounds, unit."""
+
 ACTION_SIZE = 5
 MOST_ENVIRONMENTS = 1_000_000
 MOST_THREADS = 1024
@@ -75,19 +78,19 @@ def metadata(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Spaces:
-    """Spaces of one environment, and extraction of observations from the batch's matrix.
+    """Spaces of one environment, and extraction of observations from a matrix of all channels.
 
-    `observed` names the channels that the agent sees, the first of the batch's; all by default.
+    `observed` names the channels that the agent sees, the first of the layout; all by default.
     """
 
-    def __init__(self, batch: Batch, obs: str, observed: Sequence[str] | None = None) -> None:
+    def __init__(self, layout: Layout, obs: str, observed: Sequence[str] | None = None) -> None:
         if obs not in ("dict", "flat"):
             raise ValueError(f"obs: found {obs!r}, expected 'dict' or 'flat'")
         self.action = Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
         boxes: dict[str, Box] = {}
         self._slices: dict[str, slice] = {}
         start = 0
-        for channel, components in batch.layout():
+        for channel, components in layout:
             low = np.concatenate([np.array(c[1], np.float32) for c in components])
             high = np.concatenate([np.array(c[2], np.float32) for c in components])
             if observed is None or channel in observed:

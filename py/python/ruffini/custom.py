@@ -1,4 +1,6 @@
-"""Tasks of one's own: reward, endings and success in Python, on the physics of a built-in task.
+"""Tasks of one's own: reward, endings, success, starts and observations in Python.
+
+Their physics are those of a built-in task.
 
 A task is a class whose methods compute arrays over N environments at once. The same class makes a
 single environment (N = 1), a vector environment, and one for Stable-Baselines3::
@@ -28,13 +30,14 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from ruffini._native import Native, StepArrays
-from ruffini._schema import ENDINGS, RULES, TASKS
+from ruffini._native import Channels, Native, StepArrays
+from ruffini._schema import CHANNELS, ENDINGS, RULES, TASKS
 from ruffini._settings import naming_nearest, nearest
 from ruffini._single import NativeEnv
-from ruffini._spaces import Observation, Renderer, Spaces
+from ruffini._spaces import ACTION_SIZE, Observation, Renderer, Spaces
 from ruffini._vector import NativeVectorEnv
 from ruffini.policies._parts import Places, find, places_of
 
@@ -119,6 +122,10 @@ class Task:
     """Names of the endings that :meth:`ending` may return, other than those of built-in tasks; one
     may be given by its name alone."""
 
+    observation: ClassVar[Mapping[str, Box]] = {}
+    """Channels that :meth:`observe` adds to those of the base, each a box of one axis of 32-bit
+    floats."""
+
     def draw(self, random: Draws) -> Mapping[str, Floats]:
         """Quantities of the start of the next episodes; those left out are drawn as usual.
 
@@ -143,6 +150,14 @@ class Task:
 
     def ending(self, state: State) -> Mapping[str, Any]:
         """Rows (N,) whose episode ends, by the name of the ending; none by default."""
+        return {}
+
+    def observe(self, state: State) -> Mapping[str, Any]:
+        """Values (N, n) of each channel in `observation`; (N,) will do where n is 1.
+
+        Called after `start` and after `reward`, `ending` and `is_success`, in a step in which
+        episodes begin once more than that: what it keeps is not kept once a step.
+        """
         return {}
 
     def is_success(self, state: State) -> Any:
@@ -177,7 +192,7 @@ class _Custom(Native):
         if read:
             settings["observation"] = [*observed, *read]
             self._batch = self._new_batch()
-        self._observed = observed
+        self._observed = [*observed, *self._task.observation]
         self._make_spaces()
         self._base_terms = self._batch.reward_terms()
         self._terms = list(self._task.terms)
@@ -189,12 +204,22 @@ class _Custom(Native):
         self._streams = [np.random.default_rng(row) for row in range(self._count)]
         self._given: dict[str, Floats] = {}
         self._drawn = np.zeros(self._count, np.bool_)
+        self._action = np.zeros((self._count, ACTION_SIZE), np.float32)
+        self._paid = np.zeros((self._count, len(self._base_terms)))
+        self._done = np.zeros(self._count, np.bool_)
 
     def _make_spaces(self) -> None:
-        """Spaces of what the agent observes, and the layout of all that is computed."""
+        """Spaces of what the agent observes, and the layout of all that native computes."""
         super()._make_spaces()
-        self._whole = Spaces(self._batch, "dict")
+        self._whole = Spaces(self._batch.layout(), "dict")
         self._places = places_of(self._batch.layout())
+
+    def channels(self) -> Channels:
+        """Channels as of the base's environment, the task's own after those that it observes."""
+        native, own = super().channels(), self._task.observation
+        observed = len(native) if self._observed is None else len(self._observed) - len(own)
+        added = [(name, [(name, *_bounds(box), "")]) for name, box in own.items()]
+        return Channels([*native[:observed], *added, *native[observed:]])
 
     def _begin(self, seeds: list[int | None] | None, mask: Bools | None) -> NDArray[np.float32]:
         rows = np.ones(self._count, np.bool_) if mask is None else mask
@@ -205,7 +230,7 @@ class _Custom(Native):
         self._draw(rows)
         observation = super()._begin(seeds, mask)
         self._start(observation, rows)
-        return observation
+        return self._with_own(observation)
 
     def _draw(self, rows: Bools) -> None:
         """Give the native batch the start of the next episodes of `rows`, where it has none yet.
@@ -236,46 +261,80 @@ class _Custom(Native):
                 self._batch.give(name, values)
 
     def _start(self, observation: NDArray[np.float32], rows: Bools) -> None:
-        count = len(self._base_terms)
-        nothing = np.zeros((self._count, count)), np.zeros(self._count, np.bool_)
-        state = self._state(observation, np.zeros((self._count, 5), np.float32), *nothing)
-        self._task.start(state, np.flatnonzero(rows))
+        """Begin the episodes of `rows`: nothing was done and paid in them yet."""
+        self._action = np.where(rows[:, None], np.float32(0.0), self._action)
+        self._paid = np.where(rows[:, None], 0.0, self._paid)
+        self._done = self._done & ~rows
+        self._task.start(self._state(observation), np.flatnonzero(rows))
         self._fresh = self._fresh & ~rows
         self._drawn &= ~rows
         if self._autoreset == "SameStep":
             # Native restarts rows within a step, when it is too late to draw.
             self._draw(rows)
 
-    def _state(
-        self,
-        observation: NDArray[np.float32],
-        action: NDArray[np.float32],
-        terms: Floats,
-        success: Bools,
-    ) -> State:
+    def _state(self, observation: NDArray[np.float32]) -> State:
         channels = self._whole.cut(observation)
         assert isinstance(channels, dict)
-        named = dict(zip(self._base_terms, terms.T, strict=True))
-        return State(channels, action, named, success, self._places)
+        named = dict(zip(self._base_terms, self._paid.T, strict=True))
+        return State(channels, self._action, named, self._done, self._places)
+
+    def _with_own(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Observations of native with the task's own channels after those that are observed.
+
+        Raises:
+            ValueError: If a channel is missing, unknown, of another shape, or not finite.
+        """
+        boxes = self._task.observation
+        if not boxes:
+            return observation
+        given = self._task.observe(self._state(observation))
+        if not isinstance(given, Mapping) or set(given) != set(boxes):
+            names = list(given) if isinstance(given, Mapping) else type(given).__name__
+            raise ValueError(f"observe: found {names}, expected the channels {list(boxes)}")
+        own = [self._own_channel(name, given[name], box.shape[0]) for name, box in boxes.items()]
+        # Channels that are not observed stay last.
+        observed = self._spaces.size - sum(channel.shape[1] for channel in own)
+        return np.concatenate([observation[:, :observed], *own, observation[:, observed:]], axis=1)
+
+    def _own_channel(self, name: str, values: Any, size: int) -> NDArray[np.float32]:
+        """Values (N, size) of one of the task's own channels."""
+        array = np.asarray(values)
+        shape = (self._count, size)
+        if array.shape == (self._count,) and size == 1:
+            array = array[:, None]
+        if array.shape != shape or array.dtype.kind not in "fiub":
+            found = f"{array.dtype} of shape {array.shape}"
+            raise ValueError(f"observe {name}: found {found}, expected numbers of shape {shape}")
+        with np.errstate(over="ignore"):
+            channel = array.astype(np.float32)
+        wrong = np.argwhere(~np.isfinite(channel))
+        if len(wrong):
+            row, place = wrong[0]
+            found = f"{array[row, place]} in row {row}"
+            raise ValueError(f"observe {name}: found {found}, expected finite numbers")
+        return channel
 
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         # Rows that native restarts in this step: their action is ignored and nothing is paid.
         restarted = self._fresh
         self._draw(restarted)
         step = super()._advance(actions)
+        self._action, self._paid, self._done = actions, step.terms, step.success
         whole = step.observation
         if step.finals:
             whole = whole.copy()
             for row, last in step.finals:
                 whole[row] = last
-        state = self._state(whole, actions, step.terms, step.success)
+        state = self._state(whole)
         step.terms = self._judged_terms(state)
         step.success = self._booleans("is_success", self._task.is_success(state)) & ~restarted
         ended = self._ended_by_task(state, step, restarted)
         step.terms[restarted] = 0.0
         step.terms[np.isin(step.ending, self._failures)] = 0.0
         step.reward = step.terms @ self._weights
-        self._restart(step, whole, ended, restarted)
+        seen = self._with_own(whole)
+        begun = self._restart(step, seen, ended, restarted)
+        step.observation = self._with_own(step.observation) if begun else seen
         return step
 
     def _ended_by_task(self, state: State, step: StepArrays, restarted: Bools) -> Bools:
@@ -298,15 +357,18 @@ class _Custom(Native):
         return ended & ~already
 
     def _restart(
-        self, step: StepArrays, whole: NDArray[np.float32], ended: Bools, restarted: Bools
-    ) -> None:
-        """Restart the rows that the task has ended, according to the autoreset mode."""
+        self, step: StepArrays, seen: NDArray[np.float32], ended: Bools, restarted: Bools
+    ) -> bool:
+        """Restart the rows that the task has ended, according to the autoreset mode.
+
+        Rows that are restarted within the step get their last observation from `seen`. Returns
+        whether any episode has begun.
+        """
         over = step.terminated | step.truncated
         begun = restarted.copy()
         if self._autoreset == "SameStep":
+            step.finals = [(int(row), seen[row].copy()) for row in np.flatnonzero(over)]
             if ended.any():
-                step.finals += [(int(row), whole[row].copy()) for row in np.flatnonzero(ended)]
-                step.finals.sort(key=lambda final: final[0])
                 step.observation = self._batch.reset(None, ended)
             begun |= over
         elif ended.any():
@@ -314,6 +376,7 @@ class _Custom(Native):
         if begun.any():
             self._start(step.observation, begun)
         self._fresh = over if self._autoreset == "NextStep" else np.zeros(self._count, np.bool_)
+        return bool(begun.any())
 
     def _judged_terms(self, state: State) -> Floats:
         """Terms (N, K) of the task's reward.
@@ -353,7 +416,7 @@ class _Custom(Native):
 
     def _check_snapshots(self) -> None:
         task = type(self._task)
-        if task.start is not Task.start or task.draw is not Task.draw:
+        if task.observation or task.start is not Task.start or task.draw is not Task.draw:
             raise ValueError(
                 f"state: {task.__name__} keeps numbers of its own, which no snapshot has"
             )
@@ -386,7 +449,7 @@ class CustomEnv(_Custom, NativeEnv):
     """
 
     def set_state(self, state: bytes) -> Observation:
-        """As of the base's environment; an error if the task has ``start`` or ``draw``."""
+        """As of the base's environment; an error with ``start``, ``draw`` or ``observe``."""
         self._check_snapshots()
         return super().set_state(state)
 
@@ -400,7 +463,7 @@ class CustomVectorEnv(_Custom, NativeVectorEnv):
     """
 
     def set_state(self, states: Sequence[bytes]) -> Any:
-        """As of the base's environments; an error if the task has ``start`` or ``draw``."""
+        """As of the base's environments; an error with ``start``, ``draw`` or ``observe``."""
         self._check_snapshots()
         return super().set_state(states)
 
@@ -450,6 +513,7 @@ def _check(task: Any) -> None:
         found = getattr(task, listed)
         if not isinstance(found, (str, Sequence)) or not all(isinstance(n, str) for n in found):
             raise ValueError(f"{name}.{listed}: found {found!r}, expected a list of names")
+    _check_observation(task)
     endings = _names(task.endings)
     if endings and task.ending is Task.ending:
         raise ValueError(f"{name}.endings: found {endings} and no method `ending`")
@@ -458,6 +522,26 @@ def _check(task: Any) -> None:
         raise ValueError(f"{name}.endings: found {taken[0]!r}, which is {whose}, expected others")
     if len(endings) > (most := _MOST_ENDINGS - len(ENDINGS)):
         raise ValueError(f"{name}.endings: found {len(endings)}, expected at most {most}")
+
+
+def _check_observation(task: type[Task]) -> None:
+    """Raise a ``ValueError`` unless the task's own channels are boxes with names of their own."""
+    name, boxes = task.__name__, task.observation
+    if not isinstance(boxes, Mapping):
+        raise ValueError(f"{name}.observation: found {boxes!r}, expected boxes by name")
+    for channel, box in boxes.items():
+        where = f"{name}.observation {channel!r}"
+        if not isinstance(box, Box) or len(box.shape) != 1 or box.dtype != np.float32:
+            raise ValueError(f"{where}: found {box!r}, expected Box(low, high, (n,), np.float32)")
+        if channel in CHANNELS:
+            raise ValueError(f"{where}: found a built-in channel's name, expected another")
+    if boxes and task.observe is Task.observe:
+        raise ValueError(f"{name}.observation: found {list(boxes)} and no method `observe`")
+
+
+def _bounds(box: Box) -> tuple[list[float], list[float]]:
+    """Lower and upper bounds of a box of one axis."""
+    return box.low.tolist(), box.high.tolist()
 
 
 def _names(listed: str | Sequence[str]) -> list[str]:

@@ -37,8 +37,8 @@ Infos = Literal["every step", "episode ends"]
 _INSTEAD = {
     **dict.fromkeys(
         ("wrapper_class", "wrapper_kwargs", "wrappers"),
-        "no wrapper of a single environment, for rows are stepped natively: reward, endings and "
-        "start in ruffini.custom, observations and actions in a VecEnvWrapper around the result",
+        "no wrapper of a single environment, for rows are stepped natively: reward, endings, "
+        "start and observations in ruffini.custom, actions in a VecEnvWrapper around the result",
     ),
     **dict.fromkeys(
         ("monitor_dir", "monitor_kwargs"),
