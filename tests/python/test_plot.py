@@ -66,6 +66,35 @@ def test_bodies_that_are_not_touched_or_at_a_side_are_drawn(body):
         assert len(figure.axes) == 6
 
 
+@pytest.mark.parametrize(("axis", "other"), [("x", 1), ("y", 0)])
+def test_a_section_is_drawn_where_it_is_asked_for(body, answers, axis, other):
+    sides = body.mesh.vertices[:, other]
+    stress = []
+    for place in (0.0, 3e-3):
+        figure = ruffini.plot(body, answers, section=(axis, place))
+        [drawn] = [axes for axes in figure.axes if axes.get_ylabel() == "z (mm)"]
+        title = drawn.get_figure(root=False).get_suptitle()
+        assert title == f"section at {axis} = {1e3 * place} mm; grey: at rest"
+        rest = np.concatenate([line.get_xdata() for line in drawn.lines if line.get_c() == "0.6"])
+        np.testing.assert_allclose([rest.min(), rest.max()], [1e3 * sides.min(), 1e3 * sides.max()])
+        stress.append(max(drawn.collections[0].get_array()))
+    assert stress[0] > 1.5 * stress[1]
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("x", r'found \'x\', expected \("x", number\)'),
+        (("z", 0.0), r"found \('z', 0.0\), expected"),
+        (("x", 2.0), r"found 2.0, expected x within -[\d.]+ and [\d.]+ m, where the body is"),
+        (("y", "middle"), "found 'middle', expected y within"),
+    ],
+)
+def test_a_section_that_there_is_none_of_is_refused(body, answers, section, message):
+    with pytest.raises(ValueError, match=f"section: {message}"):
+        ruffini.plot(body, answers, section=section)
+
+
 def test_what_cannot_be_drawn_is_said(body, answers, tmp_path, monkeypatch):
     [deep] = Fem(body).solve(Press(BALL, [ball_at(0, 6e-3)]))
     assert isinstance(deep, ruffini.PressError)

@@ -22,6 +22,8 @@ _Floats = NDArray[np.float64]
 _COLOURS = 20
 _STRESS: dict[str, Any] = {"label": "von Mises stress (kPa)", "cmap": "magma_r", "vmin": 0.0}
 _DISPLACEMENT = {"label": "displacement along z (mm)", "cmap": "RdBu"}
+_SECTIONS = {"x": (0, [1, 2], "along, y (mm)"), "y": (1, [0, 2], "across, x (mm)")}
+"""Axes of sections: what stands on the plane, the two that are drawn, the first one's label."""
 _CUTS = {
     1: [[(0, 3), (1, 3), (2, 3)]],
     2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]],
@@ -37,14 +39,15 @@ def plot(
     path: str | PathLike[str] | None = None,
     *,
     start: ArrayLike | None = None,
+    section: tuple[str, float] | None = None,
 ) -> Figure:
     """Draw a solved press: the last of its answers, and the forces of all.
 
-    At the top is a section of the deformed body, along x and z through the middle of the contact,
-    with von Mises stress (kPa). Below is the deformed body from above: displacement along z (mm)
-    with the nodes that bear force, and stress (kPa). The stress of a node is the mean of its
-    tetrahedra. With several answers, a curve shows the normal force (along -z) and the tangential
-    force (N) against the distance (mm) that the first shape has moved.
+    At the top is a section of the deformed body with von Mises stress (kPa), if no other is asked
+    for along x and z through the middle of the contact. Below is the deformed body from above:
+    displacement along z (mm) with the nodes that bear force, and stress (kPa). The stress of a node
+    is the mean of its tetrahedra. With several answers, a curve shows the normal force (along -z)
+    and the tangential force (N) against the distance (mm) that the first shape has moved.
 
     Args:
         body: Body that is pressed, ``body`` of the model.
@@ -52,6 +55,8 @@ def plot(
         path: A .png or .svg file to write.
         start: Position (3,) of the first shape at its first touch (m), from where the distance
             counts; that of the first answer if not given.
+        section: Plane of the section of the body at rest (m): ``("y", 0.002)`` is along x and z,
+            ``("x", 0.0)`` along y and z.
 
     Returns:
         The matplotlib ``Figure``. Pyplot does not know it: ``figure.savefig`` writes it.
@@ -59,9 +64,11 @@ def plot(
     Raises:
         PressError: If one of the answers is an error.
         ValueError: If there is no answer or one of another body, the file cannot be written or has
-            another ending, or matplotlib is missing.
+            another ending, matplotlib is missing, or the section does not meet the body.
     """
     check(path)
+    if section is not None:
+        _check_section(section, body)
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -71,7 +78,7 @@ def plot(
     figure: Any = Figure(figsize=(4.2 * len(names), 6.8), layout=layout)
     above, below = figure.subfigures(2, 1, height_ratios=[2, 3])
     axes = dict(zip(names, below.subplots(1, len(names)), strict=True))
-    _draw_section(above.subplots(), body, frames[-1])
+    _draw_section(above.subplots(), body, frames[-1], section)
     _draw_face(axes, body, frames[-1])
     if "force" in axes:
         _draw_forces(axes["force"], frames, start)
@@ -110,19 +117,39 @@ def _solved(answers: Any, nodes: int) -> list[Deformation]:
     return frames
 
 
-def _draw_section(axes: Any, body: SoftBody, answer: Deformation) -> None:
+def _check_section(section: Any, body: SoftBody) -> None:
+    """Raise a ``ValueError`` unless the section is an axis and a place (m) within the body."""
+    expected = '("x", number) or ("y", number)'
+    if not (isinstance(section, tuple) and len(section) == 2 and section[0] in _SECTIONS):
+        raise ValueError(f"section: found {section!r}, expected {expected}")
+    name, place = section
+    sides = body.mesh.vertices[:, _SECTIONS[name][0]]
+    low, high = float(sides.min()), float(sides.max())
+    if not (isinstance(place, (int, float)) and low < place < high):
+        within = f"{name} within {low:g} and {high:g} m, where the body is"
+        raise ValueError(f"section: found {place!r}, expected {within}")
+
+
+def _draw_section(
+    axes: Any, body: SoftBody, answer: Deformation, section: tuple[str, float] | None
+) -> None:
     rest, force = body.mesh.vertices, np.linalg.norm(answer.contact_force, axis=1)
-    sides = np.array([rest[:, 1].min(), rest[:, 1].max()])
-    middle = np.average(rest[:, 1], weights=force if force.any() else None)
+    name = "y" if section is None else section[0]
+    across, drawn, label = _SECTIONS[name]
+    sides = np.array([rest[:, across].min(), rest[:, across].max()])
+    if section is None:
+        middle = np.average(rest[:, across], weights=force if force.any() else None)
+    else:
+        middle = np.float64(section[1])
     middle = np.clip(middle, *(0.99 * sides + 0.01 * sides[::-1]))
-    edges, shares, triangles = _cut(body.mesh.tets.astype(np.int64), rest[:, 1] - middle)
+    edges, shares, triangles = _cut(body.mesh.tets.astype(np.int64), rest[:, across] - middle)
 
     def at_cut(field: _Floats) -> _Floats:
         found: _Floats = np.einsum("ne,ne...->n...", shares, field[edges])
         return found
 
-    outline, at_rest = _outline(triangles), at_cut(rest)[:, ::2]
-    places = at_cut(rest + answer.displacement)[:, ::2]
+    outline, at_rest = _outline(triangles), at_cut(rest)[:, drawn]
+    places = at_cut(rest + answer.displacement)[:, drawn]
     for points, colour in ((at_rest, "0.6"), (places, "k")):
         axes.plot(*1e3 * points[outline].transpose(2, 1, 0), color=colour, linewidth=0.8)
     _paint(
@@ -130,8 +157,8 @@ def _draw_section(axes: Any, body: SoftBody, answer: Deformation) -> None:
     )
     axes.use_sticky_edges = False
     axes.margins(0.01, 0.06)
-    axes.set(ylabel="z (mm)")
-    axes.figure.suptitle(f"section at y = {round(1e3 * middle, 1) + 0.0} mm; grey: at rest")
+    axes.set(xlabel=label, ylabel="z (mm)")
+    axes.figure.suptitle(f"section at {name} = {round(1e3 * middle, 1) + 0.0} mm; grey: at rest")
 
 
 def _draw_face(axes: dict[str, Any], body: SoftBody, answer: Deformation) -> None:
