@@ -49,6 +49,7 @@ SHORTER = {
 """Options that are added to a command."""
 PARSED = {
     "ruffini dataset generate": (dataset, "_generate"),
+    "ruffini dataset error": (dataset, "_error"),
     "ruffini network train": (network, "_train"),
     "ruffini network evaluate": (network, "_evaluate"),
 }
