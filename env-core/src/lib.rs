@@ -13,6 +13,7 @@ mod responses;
 pub mod error;
 pub mod interrupt;
 mod recent;
+mod saved;
 pub mod tensor_file;
 pub mod geometry;
 pub mod sensor;

@@ -6,7 +6,10 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::body::{Law, Moduli, SoftBody};
-use crate::{Error, Result};
+use crate::{
+    Error, Result,
+    saved::{self, Mark},
+};
 
 /// State in which a press ended; the next press of the same body and shapes may start from it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,8 +74,7 @@ const AWAY: Point3<f64> = Point3::new(0.1, 0.2, 0.3);
 /// Relative difference of numbers that other machines may compute otherwise.
 const ROUNDING: f64 = 1e-9;
 
-/// First bytes of a serialised history; the last character counts versions.
-const MARK: [u8; 8] = *b"history4";
+const MARK: Mark = *b"history4";
 
 impl ModelIdentity {
     /// Identity of a model of `body` with nodes at these `places` at rest (m).
@@ -171,23 +173,14 @@ impl History {
         self
     }
 
-    /// Serialises the history (postcard), exact to the bit.
+    /// Serialises the history, exact to the bit.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let body = postcard::to_stdvec(self).expect("lists of numbers are what postcard writes");
-        [&MARK[..], &body].concat()
+        saved::to_bytes(MARK, self)
     }
 
     /// Restores a history from the result of [`History::to_bytes`]; other bytes are an error.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let bad = |found: String| Error::invalid("history", found, "bytes of a saved history");
-        let Some(body) = bytes.strip_prefix(&MARK) else {
-            return Err(bad(format!("{} bytes without its mark", bytes.len())));
-        };
-        match postcard::take_from_bytes(body) {
-            Ok((history, [])) => Ok(history),
-            Ok((_, rest)) => Err(bad(format!("{} bytes too many", rest.len()))),
-            Err(error) => Err(bad(format!("damaged bytes ({error})"))),
-        }
+        saved::from_bytes(MARK, "history", bytes)
     }
 }
 

@@ -9,12 +9,15 @@ use super::History;
 use crate::{
     Error, Result,
     geometry::{Footprint, PadOutline, Shape},
+    saved::{self, Mark},
     sensor::MOST_FRICTION,
 };
 
 /// Most frames of a path that its footprint is made of, and most of its places.
 const FRAMES_OF_FOOTPRINT: usize = 32;
 const PLACES: usize = 4000;
+
+const MARK: Mark = *b"deforma1";
 
 /// Rigid shapes pressed into one soft body.
 #[derive(Clone, Debug)]
@@ -85,7 +88,7 @@ impl Sub for Wrench {
 }
 
 /// Equilibrium of a soft body with the shapes that press it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Deformation {
     /// Displacement of the nodes (V, 3) in m.
     pub displacement: Vec<Vector3<f64>>,
@@ -127,10 +130,20 @@ impl Deformation {
         self.residual *= stiffness;
         self
     }
+
+    /// Serialises the solution, exact to the bit.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        saved::to_bytes(MARK, self)
+    }
+
+    /// Restores a solution from the result of [`Deformation::to_bytes`]; other bytes are an error.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        saved::from_bytes(MARK, "deformation", bytes)
+    }
 }
 
 /// Relative errors against fine finite elements that 19 of 20 answers stay below.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PredictedError {
     /// Of the displacement, ‖û − u‖ / ‖u‖ over all nodes.
     pub displacement: f64,

@@ -1,29 +1,22 @@
-//! Shapes as bytes: a mark with the version, then postcard. Exact to the bit.
+//! Shapes as bytes.
 
 use super::Shape;
-use crate::{Error, Result};
+use crate::{
+    Result,
+    saved::{self, Mark},
+};
 
-/// First bytes of a serialised shape; the last character counts versions.
-const MARK: [u8; 8] = *b"a-shape1";
+const MARK: Mark = *b"a-shape1";
 
 impl Shape {
-    /// Serialises the shape.
+    /// Serialises the shape, exact to the bit.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let body = postcard::to_stdvec(self).expect("numbers and lists are what postcard writes");
-        [&MARK[..], &body].concat()
+        saved::to_bytes(MARK, self)
     }
 
     /// Restores a shape from the result of [`Shape::to_bytes`]; other bytes are an error.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
-        let bad = |found: String| Error::invalid("shape", found, "bytes of a saved shape");
-        let Some(body) = bytes.strip_prefix(&MARK) else {
-            return Err(bad(format!("{} bytes without its mark", bytes.len())));
-        };
-        match postcard::take_from_bytes::<Self>(body) {
-            Ok((shape, [])) => shape.validated(),
-            Ok((_, rest)) => Err(bad(format!("{} bytes too many", rest.len()))),
-            Err(error) => Err(bad(format!("damaged bytes ({error})"))),
-        }
+        saved::from_bytes::<Self>(MARK, "shape", bytes)?.validated()
     }
 }
 

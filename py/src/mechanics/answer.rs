@@ -1,134 +1,52 @@
 //! Python classes of deformations and histories.
 
-use nalgebra::{Isometry3, Vector3};
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use nalgebra::Isometry3;
+use numpy::{PyArray1, PyArray2};
 use pyo3::{
     prelude::*,
+    sync::PyOnceLock,
     types::{PyBytes, PyType},
 };
-use ruffini_core::deformation::{self, PredictedError, Wrench};
+use ruffini_core::deformation::{self, Wrench};
 
-use super::{
-    Shape,
-    arrays::{array_of_vectors, vectors},
-    press,
-};
+use super::{Shape, arrays::array_of_vectors, press};
 use crate::error::python_error;
 
 /// Equilibrium of a soft body with the shapes that press it, in the frame of the body.
 #[pyclass(frozen, module = "ruffini")]
 pub(crate) struct Deformation {
-    /// Displacement of the nodes (V, 3) in m.
-    #[pyo3(get)]
-    pub(super) displacement: Py<PyArray2<f64>>,
-    /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
-    #[pyo3(get)]
-    von_mises: Py<PyArray1<f64>>,
-    /// Contact force on the nodes (V, 3) in N.
-    #[pyo3(get)]
-    pub(super) contact_force: Py<PyArray2<f64>>,
-    /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
-    #[pyo3(get)]
-    wrench: Py<PyArray1<f64>>,
-    /// Share of the normal force that the sliding part of the contact bears.
-    #[pyo3(get)]
-    sliding: f64,
-    /// Poses of the shapes, in the form that `Press` takes: one pose (position (3,), quaternion
-    /// (4,) xyzw) if a single shape was given without a list, else a list with one for each shape.
-    #[pyo3(get)]
-    pose: Py<PyAny>,
-    /// State from which another press can continue.
-    #[pyo3(get)]
-    pub(super) history: Py<History>,
-    /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
-    #[pyo3(get)]
-    iterations: usize,
-    /// Norm of the residual force (N); 0 with `LinearPad`, which leaves it out.
-    #[pyo3(get)]
-    pub(super) residual: f64,
-    /// Wall time (s).
-    #[pyo3(get)]
-    seconds: f64,
-    /// Relative errors against fine finite elements that 19 of 20 answers like this one stay below:
-    /// displacement, stress and net force; None for models that do not predict their errors.
-    #[pyo3(get)]
-    predicted_error: Option<(f64, f64, f64)>,
-    /// Shapes that pressed, for [`Surrogate::is_in_distribution`](super::surrogate::Surrogate).
+    pub(super) inner: deformation::Deformation,
+    /// Shapes that pressed.
     pub(super) shapes: Vec<Py<Shape>>,
     /// Hash of the body's mesh, if it is known.
     pub(super) mesh_hash: Option<u64>,
+    /// Whether the pose of the only shape stands alone and in no list.
+    single: bool,
+    displacement: Lazy<PyArray2<f64>>,
+    von_mises: Lazy<PyArray1<f64>>,
+    contact_force: Lazy<PyArray2<f64>>,
 }
 
-impl Deformation {
-    /// The solution in the Rust crate.
-    pub(super) fn to_core(&self, py: Python<'_>) -> PyResult<deformation::Deformation> {
-        let numbers = |array: &Py<PyArray1<f64>>| array.bind(py).to_vec();
-        let of = |array: &Py<PyArray2<f64>>| vectors(array.bind(py));
-        let wrench = numbers(&self.wrench)?;
-        let vector = |from: usize| Vector3::from_column_slice(&wrench[from..from + 3]);
-        let history = self.history.get().inner.clone();
-        Ok(deformation::Deformation {
-            displacement: of(&self.displacement)?,
-            von_mises: numbers(&self.von_mises)?,
-            contact_force: of(&self.contact_force)?,
-            wrench: Wrench { force: vector(0), torque: vector(3) },
-            sliding: self.sliding,
-            poses: history.poses.clone(),
-            history,
-            iterations: self.iterations,
-            residual: self.residual,
-            seconds: self.seconds,
-            predicted_error: self.predicted_error.map(|(displacement, stress, force)| {
-                PredictedError { displacement, stress, force }
-            }),
-        })
-    }
+/// Array that is made when it is first asked for.
+type Lazy<A> = PyOnceLock<Py<A>>;
 
+impl Deformation {
     /// Converts the solution of a press by `shapes`; with `single`, the pose of the only shape is
     /// not put in a list.
     pub(super) fn of(
-        py: Python<'_>,
-        answer: deformation::Deformation,
+        inner: deformation::Deformation,
         shapes: Vec<Py<Shape>>,
         single: bool,
         mesh_hash: Option<u64>,
-    ) -> PyResult<Self> {
-        let wrench = answer.wrench.force.iter().chain(answer.wrench.torque.iter());
-        let pose = press::frame_as_given(py, &answer.poses, single)?.unbind();
-        let error = answer.predicted_error;
-        Ok(Self {
-            displacement: array_of_vectors(py, &answer.displacement).unbind(),
-            contact_force: array_of_vectors(py, &answer.contact_force).unbind(),
-            wrench: PyArray1::from_vec(py, wrench.copied().collect()).unbind(),
-            von_mises: PyArray1::from_vec(py, answer.von_mises).unbind(),
-            sliding: answer.sliding,
-            pose,
-            history: Py::new(py, History { inner: answer.history })?,
-            iterations: answer.iterations,
-            residual: answer.residual,
-            seconds: answer.seconds,
-            predicted_error: error.map(|e| (e.displacement, e.stress, e.force)),
-            shapes,
-            mesh_hash,
-        })
+    ) -> Self {
+        let [displacement, contact_force] = [Lazy::new(), Lazy::new()];
+        let von_mises = Lazy::new();
+        Self { inner, shapes, mesh_hash, single, displacement, von_mises, contact_force }
     }
 }
 
-/// Fields of a `Deformation`, in order.
-type Fields = (
-    Py<PyArray2<f64>>,
-    Py<PyArray1<f64>>,
-    Py<PyArray2<f64>>,
-    Py<PyArray1<f64>>,
-    f64,
-    Py<PyAny>,
-    Py<History>,
-    usize,
-    f64,
-    f64,
-    Option<(f64, f64, f64)>,
-    (Vec<Py<Shape>>, Option<u64>),
-);
+/// What restores a [`Deformation`], and with what.
+type Reduced<'py> = (Bound<'py, PyAny>, (Bound<'py, PyBytes>, Vec<Py<Shape>>, bool, Option<u64>));
 
 /// Position (3,) and quaternion (4,).
 pub(super) type Pose<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
@@ -144,66 +62,104 @@ pub(super) fn pose<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> Pose<'py> {
 
 #[pymethods]
 impl Deformation {
-    /// Restores an answer from its fields, as they are pickled.
+    /// Displacement of the nodes (V, 3) in m.
+    #[getter]
+    fn displacement(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        let make = || array_of_vectors(py, &self.inner.displacement).unbind();
+        self.displacement.get_or_init(py, make).clone_ref(py)
+    }
+
+    /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
+    #[getter]
+    fn von_mises(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        let make = || PyArray1::from_slice(py, &self.inner.von_mises).unbind();
+        self.von_mises.get_or_init(py, make).clone_ref(py)
+    }
+
+    /// Contact force on the nodes (V, 3) in N.
+    #[getter]
+    fn contact_force(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
+        let make = || array_of_vectors(py, &self.inner.contact_force).unbind();
+        self.contact_force.get_or_init(py, make).clone_ref(py)
+    }
+
+    /// Force (N) and torque about the origin (N m) of all contact on the body (6,).
+    #[getter]
+    fn wrench<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let Wrench { force, torque } = &self.inner.wrench;
+        PyArray1::from_iter(py, force.iter().chain(torque).copied())
+    }
+
+    /// Share of the normal force that the sliding part of the contact bears.
+    #[getter]
+    fn sliding(&self) -> f64 {
+        self.inner.sliding
+    }
+
+    /// Poses of the shapes, in the form that `Press` takes: one pose (position (3,), quaternion
+    /// (4,) xyzw) if a single shape was given without a list, else a list with one for each shape.
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        press::frame_as_given(py, &self.inner.poses, self.single)
+    }
+
+    /// State from which another press can continue.
+    #[getter]
+    fn history(&self) -> History {
+        History { inner: self.inner.history.clone() }
+    }
+
+    /// Newton steps, or sweeps of Gauss-Seidel, since the last frame.
+    #[getter]
+    fn iterations(&self) -> usize {
+        self.inner.iterations
+    }
+
+    /// Norm of the residual force (N); 0 with `LinearPad`, which leaves it out.
+    #[getter]
+    fn residual(&self) -> f64 {
+        self.inner.residual
+    }
+
+    /// Wall time (s).
+    #[getter]
+    fn seconds(&self) -> f64 {
+        self.inner.seconds
+    }
+
+    /// Relative errors against fine finite elements that 19 of 20 answers like this one stay below:
+    /// displacement, stress and net force; None for models that do not predict their errors.
+    #[getter]
+    fn predicted_error(&self) -> Option<(f64, f64, f64)> {
+        self.inner.predicted_error.map(|e| (e.displacement, e.stress, e.force))
+    }
+
+    /// Restores an answer as it is pickled.
     #[staticmethod]
-    fn _restore(fields: Fields) -> Self {
-        let (
-            displacement,
-            von_mises,
-            contact_force,
-            wrench,
-            sliding,
-            pose,
-            history,
-            iterations,
-            residual,
-            seconds,
-            predicted_error,
-            (shapes, mesh_hash),
-        ) = fields;
-        Self {
-            displacement,
-            von_mises,
-            contact_force,
-            wrench,
-            sliding,
-            pose,
-            history,
-            iterations,
-            residual,
-            seconds,
-            predicted_error,
-            shapes,
-            mesh_hash,
-        }
+    fn _restore(
+        state: &[u8],
+        shapes: Vec<Py<Shape>>,
+        single: bool,
+        mesh_hash: Option<u64>,
+    ) -> PyResult<Self> {
+        let inner = deformation::Deformation::from_bytes(state).map_err(python_error)?;
+        Ok(Self::of(inner, shapes, single, mesh_hash))
     }
 
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (Fields,))> {
-        let fields = (
-            self.displacement.clone_ref(py),
-            self.von_mises.clone_ref(py),
-            self.contact_force.clone_ref(py),
-            self.wrench.clone_ref(py),
-            self.sliding,
-            self.pose.clone_ref(py),
-            self.history.clone_ref(py),
-            self.iterations,
-            self.residual,
-            self.seconds,
-            self.predicted_error,
-            (self.shapes.iter().map(|shape| shape.clone_ref(py)).collect(), self.mesh_hash),
-        );
-        Ok((py.get_type::<Self>().getattr("_restore")?, (fields,)))
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Reduced<'py>> {
+        let state = PyBytes::new(py, &self.inner.to_bytes());
+        let shapes = self.shapes.iter().map(|shape| shape.clone_ref(py)).collect();
+        let restore = py.get_type::<Self>().getattr("_restore")?;
+        Ok((restore, (state, shapes, self.single, self.mesh_hash)))
     }
 
-    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let wrench = self.wrench.bind(py).call_method0("tolist")?.extract::<Vec<f64>>()?;
-        let [x, y, z] = [0, 1, 2].map(|i| wrench[i]);
-        let (iterations, residual) = (self.iterations, self.residual);
-        Ok(format!(
+    fn __repr__(&self) -> String {
+        let [x, y, z] = self.inner.wrench.force.into();
+        let (iterations, residual) = (self.inner.iterations, self.inner.residual);
+        format!(
             "<ruffini.Deformation force ({x:.4}, {y:.4}, {z:.4}) N, {iterations} iterations, \
              residual {residual:.1e} N>"
-        ))
+        )
     }
 }
 

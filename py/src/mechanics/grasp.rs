@@ -158,7 +158,7 @@ fn slot(py: Python<'_>, frame: Result<fem::Grasped>) -> PyResult<Bound<'_, PyAny
         Ok(grasped) => grasped,
         Err(error) => return press_error(py, &error, None),
     };
-    let pad = |found| Py::new(py, Deformation::of(py, found, Vec::new(), true, None)?);
+    let pad = |found| Py::new(py, Deformation::of(found, Vec::new(), true, None));
     let pads = (pad(left)?, pad(right)?);
     let object = answer::pose(py, &object).into_py_any(py)?;
     Ok(Bound::new(py, Grasped { pads, object, residual, seconds })?.into_any())

@@ -322,11 +322,8 @@ pub(super) fn answer<'py>(
     match found {
         Ok(found) => {
             let shapes = press.shapes.iter().map(|shape| shape.clone_ref(py)).collect();
-            Ok(Bound::new(
-                py,
-                Deformation::of(py, found, shapes, press.single, Some(body.get().mesh_hash))?,
-            )?
-            .into_any())
+            let hash = Some(body.get().mesh_hash);
+            Ok(Bound::new(py, Deformation::of(found, shapes, press.single, hash))?.into_any())
         }
         Err(error) => {
             let unsolved = matches!(

@@ -7,7 +7,6 @@ use pyo3::{
     types::{PyDict, PyList},
 };
 use ruffini_core::{
-    geometry,
     sensor::Sensor,
     tactile::{self, Channel, Resolution},
 };
@@ -100,27 +99,11 @@ impl Skin {
         if known == Channel::Image && !self.inner.has_image() {
             return Err(refused("channel", channel, "another: the sensor's colours are not known"));
         }
-        let (mut found, mut shapes) = (None, Vec::new());
-        if let Some(answer) = answer {
-            let answer = of_answer(answer)?;
-            let core = answer.get().to_core(py)?;
-            let sizes = [core.displacement.len(), core.contact_force.len(), core.von_mises.len()];
-            let [nodes, _, tets] = sizes;
-            if sizes != [self.nodes, self.nodes, self.tets] {
-                let expected = format!("{} and {}, the body's", self.nodes, self.tets);
-                let found = format!("{nodes} nodes and {tets} tetrahedra");
-                return Err(refused("answer", found, expected));
-            }
-            if answer.get().mesh_hash.is_some_and(|hash| hash != self.mesh_hash) {
-                let expected = "one on the mesh of this skin's body";
-                return Err(refused("answer", "one on another mesh", expected));
-            }
-            shapes.extend(answer.get().shapes.iter().map(|shape| shape.get().inner.clone()));
-            found = Some(core);
-        }
+        let answer = answer.map(|answer| self.checked(answer)).transpose()?.map(Bound::get);
         let entries = py.detach(|| {
-            let shapes: Vec<&geometry::Shape> = shapes.iter().collect();
-            known.read(&self.inner, found.as_ref(), &shapes)
+            let shapes = answer.map_or(&[][..], |answer| &answer.shapes).iter();
+            let shapes: Vec<_> = shapes.map(|shape| &shape.get().inner).collect();
+            known.read(&self.inner, answer.map(|answer| &answer.inner), &shapes)
         });
         let shape = match &known.specs(&self.inner)[..] {
             [spec] => spec.shape.clone(),
@@ -140,16 +123,33 @@ impl Skin {
     }
 }
 
-/// The answer, or its error.
-fn of_answer<'a, 'py>(answer: &'a Bound<'py, PyAny>) -> PyResult<&'a Bound<'py, Deformation>> {
-    if answer.is_instance_of::<crate::PressError>() {
-        return Err(PyErr::from_value(answer.clone()));
+impl Skin {
+    /// The answer, or its error, or the error that it is of another body.
+    fn checked<'a, 'py>(
+        &self,
+        answer: &'a Bound<'py, PyAny>,
+    ) -> PyResult<&'a Bound<'py, Deformation>> {
+        if answer.is_instance_of::<crate::PressError>() {
+            return Err(PyErr::from_value(answer.clone()));
+        }
+        let Ok(answer) = answer.cast::<Deformation>() else {
+            let kind = answer.get_type().name().map_or_else(|_| "?".into(), |n| n.to_string());
+            let list = if answer.is_instance_of::<PyList>() { "; one of the list" } else { "" };
+            return Err(refused("answer", kind, format!("a Deformation{list}")));
+        };
+        let found = &answer.get().inner;
+        let sizes = [&found.displacement, &found.contact_force].map(Vec::len);
+        if sizes != [self.nodes; 2] || found.von_mises.len() != self.tets {
+            let expected = format!("{} and {}, the body's", self.nodes, self.tets);
+            let found = format!("{} nodes and {} tetrahedra", sizes[0], found.von_mises.len());
+            return Err(refused("answer", found, expected));
+        }
+        if answer.get().mesh_hash.is_some_and(|hash| hash != self.mesh_hash) {
+            let expected = "one on the mesh of this skin's body";
+            return Err(refused("answer", "one on another mesh", expected));
+        }
+        Ok(answer)
     }
-    answer.cast::<Deformation>().map_err(|_| {
-        let kind = answer.get_type().name().map_or_else(|_| "?".into(), |name| name.to_string());
-        let list = if answer.is_instance_of::<PyList>() { "; one of the list" } else { "" };
-        refused("answer", kind, format!("a Deformation{list}"))
-    })
 }
 
 /// Places of markers and free surface nodes (…, 3), and in plan of cells and pixels (…, 2), in m.

@@ -7,7 +7,6 @@ use ruffini_core::{deformation::Moduli, surrogate::soft};
 
 use super::{
     Deformation, Press, Shape, SoftBody,
-    arrays::vectors,
     model::{solve, solve_path},
 };
 use crate::{error::python_error, pool::in_pool};
@@ -103,7 +102,7 @@ impl SoftSurrogate {
 
     /// Returns whether displacement, Poisson's ratio and friction of a solution of this network lie
     /// within its training data.
-    fn is_in_distribution(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        Ok(self.model.is_in_distribution(&vectors(answer.displacement.bind(py))?))
+    fn is_in_distribution(&self, answer: &Deformation) -> bool {
+        self.model.is_in_distribution(&answer.inner.displacement)
     }
 }

@@ -7,7 +7,6 @@ use ruffini_core::{Result, deformation::Moduli, sensor::Sensor, surrogate};
 
 use super::{
     Deformation, Press, SoftBody,
-    arrays::vectors,
     body::{nodes_of, pad_error},
     model::{solve, solve_path},
 };
@@ -237,12 +236,11 @@ impl Surrogate {
     /// and the residual may be at most half of the net force. Without contact force, the skin must
     /// not overlap a shape. A solution with a smaller force or fewer nodes than usual may still be
     /// accurate.
-    fn is_in_distribution(&self, py: Python<'_>, answer: &Deformation) -> PyResult<bool> {
-        let moved = vectors(answer.displacement.bind(py))?;
-        let forces = vectors(answer.contact_force.bind(py))?;
-        let poses = &answer.history.get().inner.poses;
+    fn is_in_distribution(&self, answer: &Deformation) -> bool {
         let shapes: Vec<_> = answer.shapes.iter().map(|shape| shape.get().inner.clone()).collect();
-        Ok(self.model.is_in_distribution(&shapes, poses, &moved, &forces, answer.residual))
+        let found = &answer.inner;
+        let (moved, forces) = (&found.displacement, &found.contact_force);
+        self.model.is_in_distribution(&shapes, &found.poses, moved, forces, found.residual)
     }
 }
 
