@@ -6,7 +6,7 @@ use std::{
 };
 
 use numpy::PyArray1;
-use pyo3::{IntoPyObjectExt, exceptions::PyValueError, prelude::*};
+use pyo3::{IntoPyObjectExt, prelude::*};
 use ruffini_core::{
     dataset::{
         self, BodyFields, DatasetConfig, Estimate, GenerationProgress, Orders, Plan, Scenario,
@@ -20,7 +20,7 @@ use ruffini_core::{
 };
 
 use crate::{
-    error::{press_error, python_error},
+    error::{press_error, python_error, value_error},
     mechanics::{
         Shape,
         arrays::{array_of_vectors, refused},
@@ -143,7 +143,7 @@ fn obstacle(object: &Object, plan: &Plan) -> ruffini_core::Result<Option<String>
 }
 
 fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<DatasetConfig> {
-    let bad = |error: serde_json::Error| PyValueError::new_err(format!("configuration: {error}"));
+    let bad = |error: serde_json::Error| value_error(format!("configuration: {error}"));
     let base = file.map_or_else(|| Ok(DatasetConfig::default()), |file| DatasetConfig::read(&file));
     let mut settings = serde_json::to_value(base.map_err(python_error)?).map_err(bad)?;
     let overrides: serde_json::Map<_, _> = serde_json::from_str(overrides).map_err(bad)?;
@@ -155,7 +155,7 @@ fn configuration(file: Option<PathBuf>, overrides: &str) -> PyResult<DatasetConf
     if config.scenario != Scenario::Presses {
         // The gripper has to be driven to each.
         for Object { name, shape, .. } in config.own_objects().map_err(python_error)? {
-            let unfit = |error| PyValueError::new_err(format!("{name}: {error}"));
+            let unfit = |error| value_error(format!("{name}: {error}"));
             ObjectModel::new(shape).map_err(unfit)?;
         }
     }

@@ -41,9 +41,18 @@ pub(crate) fn python_error(error: Error) -> PyErr {
         | Error::Setting { .. }
         | Error::BadState { .. }
         | Error::BadMesh { .. }
-        | Error::File { .. } => PyValueError::new_err(error.to_string()),
+        | Error::File { .. } => value_error(error.to_string()),
         _ => SimulationError::new_err(error.to_string()),
     }
+}
+
+/// Creates a `ValueError` with the nearest known word beside an unknown one, and no words of serde.
+pub(crate) fn value_error(message: String) -> PyErr {
+    let plain = |py: Python<'_>| {
+        py.import("ruffini._words")?.getattr("plain_words")?.call1((&message,))?.extract::<String>()
+    };
+    let text = Python::attach(plain).unwrap_or(message);
+    PyValueError::new_err(text)
 }
 
 /// `errno.ENOENT`.

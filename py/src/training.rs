@@ -5,7 +5,7 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use pyo3::{exceptions::PyValueError, prelude::*};
+use pyo3::prelude::*;
 use ruffini_core::{
     Error,
     interrupt::Interrupt,
@@ -19,7 +19,7 @@ use ruffini_core::{
 use serde_json::{Value, json};
 
 use crate::{
-    error::python_error,
+    error::{python_error, value_error},
     pool::{in_new_pool, in_pool},
 };
 
@@ -146,7 +146,7 @@ impl TrainingRequest {
 
 #[allow(clippy::needless_pass_by_value)] // For `map_err`.
 fn bad(error: serde_json::Error) -> PyErr {
-    PyValueError::new_err(format!("training: {error}"))
+    value_error(format!("training: {error}"))
 }
 
 /// Errors on the test part of a split: for each frame the grasp's name and, as JSON, the errors of

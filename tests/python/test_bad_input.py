@@ -16,7 +16,7 @@ from gymnasium.error import ClosedEnvironmentError
 import ruffini
 from ruffini import dataset
 from ruffini._schema import SETTINGS
-from ruffini._settings import with_nearest
+from ruffini._words import plain_words
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 from ruffini.policies import scripted
 
@@ -269,6 +269,14 @@ def test_the_nearest_known_word_is_named_elsewhere(tmp_path):
     for text, near in (("truth_noodes = 3\n", "truth_nodes"), ("[[gels]]\nyoug = 1e5\n", "young")):
         config.write_text(text)
         assert f"did you mean {near!r}?" in outcome(dataset.shards, config)
+    mesh = ruffini.TetMesh.of_shape(ruffini.Shape.sphere(1e-2), spacing=5e-3)
+    for ask, near in (
+        (lambda: ruffini.SoftBody(mesh, 1e5, 0.3, law="neohookean"), "neo-hookean"),
+        (lambda: ruffini.sensor("gelsight-mimi"), "gelsight-mini"),
+        (lambda: ruffini.LinearPad("digti"), "digit"),
+        (lambda: ruffini.Surrogate(calibration="feat"), "feats"),
+    ):
+        assert f", did you mean {near!r}? expected " in outcome(ask)
     for ask in (dataset.estimate, dataset.generate):
         assert "`objcts`, did you mean 'objects'?" in outcome(ask, tmp_path / "out", objcts=2)
     assert not (tmp_path / "out").exists()
@@ -284,7 +292,7 @@ def test_the_nearest_known_word_is_named_elsewhere(tmp_path):
     ],
 )
 def test_a_message_about_something_else_stays_as_it_is(message):
-    assert with_nearest(message) == message
+    assert plain_words(message) == message
 
 
 def test_a_mesh_of_ones_own_can_be_grasped(tmp_path):

@@ -72,7 +72,9 @@ def test_fine_contact_is_nearer_to_a_hertzian_ball_than_fast_contact():
         for name in ("fast", "fine")
     )
     assert fine < fast and fine < 0.03
-    with pytest.raises(ValueError, match="contact: found finest, expected fast or fine"):
+    with pytest.raises(
+        ValueError, match=r"contact: found finest, did you mean 'fine'\? expected fast or fine"
+    ):
         ruffini.LinearPad(contact="finest")
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._plot import check
-from ruffini._settings import counted
 from ruffini._spaces import writing
+from ruffini._words import counted
 
 if TYPE_CHECKING:
     from ruffini.dataset import Dataset

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ruffini._core import Batch, Press
 from ruffini._rows import expect_row
 from ruffini._schema import ENDINGS, TASKS, specification
-from ruffini._settings import naming_nearest, to_json
+from ruffini._settings import to_json
 from ruffini._spaces import ClosedBatch, Renderer, Spaces
 from ruffini._trained_gels import warn_of
 
@@ -107,8 +107,7 @@ class Native:
 
     def _new_batch(self) -> Batch:
         settings = to_json(self._settings, self.TASK, self._ARGUMENTS)
-        with naming_nearest():
-            return Batch(settings, self._count, self._threads, self._autoreset)
+        return Batch(settings, self._count, self._threads, self._autoreset)
 
     def _begin(
         self, seeds: list[int | None] | None, mask: NDArray[np.bool_] | None

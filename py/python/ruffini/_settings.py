@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import json
-import re
 import reprlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypedDict
@@ -15,6 +12,7 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 
 from ruffini._schema import SETTINGS, SHARED, TASKS
+from ruffini._words import nearest
 
 Range = float | tuple[float, float]
 """Both ends of a uniform draw, or a single value."""
@@ -105,68 +103,6 @@ def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = (
             found = reprlib.repr(value)
             raise ValueError(f"{name}: found {found}, expected {expected} ({error})") from None
     return json.dumps(given | {"task": task}, default=plain)
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The part of a message between an unknown word and what was expected: the nearest known."""
-    letters = {re.sub(r"[\W_]", "", name.lower()): name for name in known}
-    near = difflib.get_close_matches(re.sub(r"[\W_]", "", word.lower()), letters, 1)
-    return f", did you mean {letters[near[0]]!r}?" if near else ","
-
-
-def counted(number: int, noun: str) -> str:
-    """A number of things whose plural ends in s, as in ``1 episode``."""
-    return f"{number} {noun}{'s' * (number != 1)}"
-
-
-_UNKNOWN = re.compile(
-    r"(?P<about>(?:found|unknown field|unknown variant) (?P<mark>[`'\"]?)(?P<word>[^\s,`'\"]+)"
-    r"(?P=mark)), expected (?P<known>.+)"
-)
-"""Part of a message that has an unknown word, and what was expected in its place."""
-_PLAIN = [
-    (re.compile(pattern), words)
-    for pattern, words in (
-        (r"invalid (?:type|value): ", "found "),
-        (r"\b(found|expected) (?:a )?sequence\b", r"\1 a list"),
-        (r"\b(found|expected) (?:a )?map\b", r"\1 a mapping"),
-        (r"\bexpected struct \w+", "expected a mapping"),
-        (r"\bexpected usize\b|\bexpected u\d+\b", "expected a whole number from 0"),
-        (r"\bexpected f\d+\b", "expected a number"),
-    )
-]
-"""Words of serde in Rust, and what stands in their place."""
-_NUMBER = re.compile(r"[-+.\d]+(e[-+]?\d+)?")
-"""A word that is no misspelt other one."""
-_BETWEEN = re.compile(r"one or more of |,? or |, |: |of | for |channels ")
-"""Text between the words of a list."""
-
-
-def with_nearest(message: str) -> str:
-    """A message in plain words, with the nearest known word if it names an unknown one."""
-
-    def hinted(found: re.Match[str]) -> str:
-        words = [word.strip("`'\"") for word in _BETWEEN.split(found["known"])]
-        known = [word for word in words if re.fullmatch(r"[\w-]+", word)]
-        word = found["word"]
-        hint = "," if word in known or _NUMBER.fullmatch(word) else nearest(word, known)
-        return f"{found['about']}{hint} expected {found['known']}"
-
-    for pattern, words in _PLAIN:
-        message = pattern.sub(words, message)
-    return _UNKNOWN.sub(hinted, message)
-
-
-@contextmanager
-def naming_nearest() -> Iterator[None]:
-    """Add the nearest known word to the message of a ``ValueError`` of the native layer."""
-    try:
-        yield
-    except ValueError as error:
-        message = with_nearest(str(error))
-        if message == str(error):
-            raise
-        raise ValueError(message) from None
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import CAMERAS, Batch
 from ruffini._schema import SETTINGS, control_period
-from ruffini._settings import nearest
+from ruffini._words import nearest
 
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
 """A flat vector, or one vector per channel."""

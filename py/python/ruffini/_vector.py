@@ -14,7 +14,7 @@ from typing_extensions import Unpack
 
 from ruffini import _rows
 from ruffini._native import Native
-from ruffini._settings import Settings, nearest
+from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
     MOST_THREADS,
@@ -28,6 +28,7 @@ from ruffini._spaces import (
     check_seed,
     metadata,
 )
+from ruffini._words import nearest
 from ruffini.evaluation import usable_cores
 
 

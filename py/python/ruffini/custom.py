@@ -35,10 +35,10 @@ from numpy.typing import NDArray
 
 from ruffini._native import Channels, Native, StepArrays
 from ruffini._schema import CHANNELS, ENDINGS, RULES, TASKS
-from ruffini._settings import naming_nearest, nearest
 from ruffini._single import NativeEnv
 from ruffini._spaces import ACTION_SIZE, Observation, Renderer, Spaces
 from ruffini._vector import NativeVectorEnv
+from ruffini._words import nearest
 from ruffini.policies._parts import Places, find, places_of
 
 __all__ = ["CustomEnv", "CustomVectorEnv", "Draws", "State", "Task", "register"]
@@ -257,8 +257,7 @@ class _Custom(Native):
 
     def _give(self) -> None:
         for name, values in self._given.items():
-            with naming_nearest():
-                self._batch.give(name, values)
+            self._batch.give(name, values)
 
     def _start(self, observation: NDArray[np.float32], rows: Bools) -> None:
         """Begin the episodes of `rows`: nothing was done and paid in them yet."""

@@ -25,7 +25,8 @@ from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._errors import apart
 from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
-from ruffini._settings import counted, naming_nearest, nearest, plain, read_json
+from ruffini._settings import plain, read_json
+from ruffini._words import counted, nearest
 
 __all__ = [
     "Body",
@@ -92,8 +93,7 @@ def estimate(
     Raises:
         ValueError: If a setting is invalid.
     """
-    with naming_nearest():
-        return Estimate(*estimate_dataset(folder, config, json.dumps(settings, default=plain)))
+    return Estimate(*estimate_dataset(folder, config, json.dumps(settings, default=plain)))
 
 
 def generate(
@@ -138,8 +138,7 @@ def generate(
         return watch is None or watch(Progress(*progress))
 
     overrides = json.dumps(settings, default=plain)
-    with naming_nearest():
-        finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
+    finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
     return Dataset(folder) if finished else None
 
 
@@ -149,8 +148,7 @@ def shards(config: str | PathLike[str] | None = None, **settings: Any) -> list[s
     Raises:
         ValueError: If a setting is invalid.
     """
-    with naming_nearest():
-        return dataset_shards(config, json.dumps(settings, default=plain))
+    return dataset_shards(config, json.dumps(settings, default=plain))
 
 
 STILL = 1e-6

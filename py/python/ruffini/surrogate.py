@@ -15,7 +15,7 @@ from typing import Any
 
 from ruffini import dataset
 from ruffini._core import evaluate_surrogate, train_surrogate
-from ruffini._settings import naming_nearest
+from ruffini._words import nearest
 
 Watch = Callable[[str, dict[str, Any]], bool]
 """Called with the name of a stage and its values; stops the training if it returns false.
@@ -91,12 +91,9 @@ def train(
         return watch is None or watch(stage, json.loads(value))
 
     clock = time.process_time
-    with naming_nearest():
-        if variant != "soft" and (split := _split(data, settings.get("split"))):
-            settings["split"] = split
-        card = train_surrogate(
-            data, coarser, out, variant, json.dumps(settings), commit, clock, tell
-        )
+    if variant != "soft" and (split := _split(data, settings.get("split"))):
+        settings["split"] = split
+    card = train_surrogate(data, coarser, out, variant, json.dumps(settings), commit, clock, tell)
     return None if card is None else dict(json.loads(card))
 
 
@@ -128,8 +125,7 @@ def evaluate(
         FileNotFoundError: If there are no such weights, or no such dataset.
         ValueError: If the weights, the dataset or the split cannot be read.
     """
-    with naming_nearest():
-        found = evaluate_surrogate(weights, data, _split(data, split) or "novel-14", coarser)
+    found = evaluate_surrogate(weights, data, _split(data, split) or "novel-14", coarser)
     return [
         {
             "grasp": grasp,
@@ -150,5 +146,6 @@ def _split(data: str | PathLike[str], given: str | None) -> str | None:
         return given
     names = list(dataset.open(data).splits)
     if given is not None and given not in names:
-        raise ValueError(f"split: found {given}, expected one of {', '.join(names)}")
+        near = nearest(given, names)
+        raise ValueError(f"split: found {given}{near} expected one of {', '.join(names)}")
     return names[0] if given is None and len(names) == 1 else given

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ruffini import SimulationError
 from ruffini._core import encode_gif
-from ruffini._settings import counted
 from ruffini._spaces import RenderFrame, check_writable
+from ruffini._words import counted
 from ruffini.evaluation import Policy, as_policy
 
 __all__ = ["SIZES", "check", "film", "write"]

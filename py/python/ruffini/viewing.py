@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from ruffini._core import TetMesh
 from ruffini._frames import turned
 from ruffini._schema import control_period
-from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
+from ruffini._words import counted
 
 __all__ = ["Rigid", "Scene", "Skin", "Soft", "ViewerFrame", "check", "nodal", "traction", "view"]
 

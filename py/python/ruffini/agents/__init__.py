@@ -14,7 +14,7 @@ from pathlib import Path
 
 import gymnasium as gym
 
-from ruffini._settings import nearest
+from ruffini._words import nearest
 from ruffini.agents._agent import FORMAT, MOST_BYTES, SUFFIX, Agent, Card
 
 __all__ = [

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from ruffini import SimulationError, __version__
-from ruffini._settings import nearest, with_nearest
+from ruffini._words import nearest
 from ruffini.commands import (
     agent,
     calibrate,
@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"ruffini: {error}", file=sys.stderr)
         return 1
     except (ImportError, ValueError) as error:
-        print(f"ruffini: {with_nearest(str(error))}", file=sys.stderr)
+        print(f"ruffini: {error}", file=sys.stderr)
         return 2
     except OSError as error:
         where = "" if error.filename is None else f"{error.filename}: "

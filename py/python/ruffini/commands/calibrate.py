@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ruffini import OBJECTS
 from ruffini._core import read_sensor
 from ruffini._plot import check
-from ruffini._settings import counted
 from ruffini._spaces import check_writable, writing
+from ruffini._words import counted
 from ruffini.commands import shapes
 from ruffini.commands.fitting import (
     RANGES,

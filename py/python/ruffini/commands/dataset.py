@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ruffini import _distributions, dataset
-from ruffini._settings import counted
+from ruffini._words import counted
 from ruffini.dataset import Progress
 
 _SETTINGS = {

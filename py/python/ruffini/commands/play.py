@@ -10,8 +10,8 @@ from typing import Any
 
 from ruffini import video
 from ruffini._core import CAMERAS
-from ruffini._settings import counted
 from ruffini._spaces import Renderer, check_count
+from ruffini._words import counted
 from ruffini.agents import Agent
 from ruffini.commands.policy import HELP, TASK, add_evaluation, check_evaluation, choose, evaluated
 from ruffini.evaluation import line

@@ -11,8 +11,8 @@ from typing import Any
 import gymnasium as gym
 
 from ruffini._schema import TASKS
-from ruffini._settings import counted, nearest
 from ruffini._spaces import MOST_THREADS, check_count, check_seed
+from ruffini._words import counted, nearest
 from ruffini.agents import Agent, environment_id, load
 from ruffini.evaluation import FIRST_SEED, Policy, evaluate
 from ruffini.policies import RandomPolicy, scripted

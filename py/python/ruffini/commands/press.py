@@ -26,8 +26,8 @@ from ruffini import (
 )
 from ruffini._errors import apart
 from ruffini._plot import check
-from ruffini._settings import counted
 from ruffini._spaces import check_writable
+from ruffini._words import counted
 from ruffini.commands import shapes
 from ruffini.commands.view import gel, summary
 from ruffini.viewing import Rigid, Skin, Soft, ViewerFrame

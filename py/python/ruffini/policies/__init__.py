@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._schema import TASKS
-from ruffini._settings import nearest
+from ruffini._words import nearest
 from ruffini.policies._parts import part
 
 __all__ = ["RandomPolicy", "ScriptedPolicy", "part", "scripted"]

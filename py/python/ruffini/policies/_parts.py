@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._schema import SCHEMA, TACTILE_CHANNELS, TASKS
-from ruffini._settings import nearest
+from ruffini._words import nearest
 
 _MINUS = "\u2212"
 
