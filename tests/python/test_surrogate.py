@@ -73,7 +73,7 @@ def test_fine_contact_is_nearer_to_a_hertzian_ball_than_fast_contact():
     )
     assert fine < fast and fine < 0.03
     with pytest.raises(
-        ValueError, match=r"contact: found finest, did you mean 'fine'\? expected fast or fine"
+        ValueError, match=r"found finest, did you mean 'fine'\? expected fast or fine"
     ):
         ruffini.LinearPad(contact="finest")
 
