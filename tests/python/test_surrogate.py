@@ -414,3 +414,10 @@ def test_the_shell_names_options_that_a_variant_has_not(data, tmp_path, capsys):
         assert f"--{option} is no option of {variant}" in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
         main(["network", "train", str(data), str(tmp_path), "--variant", "c"])
+
+
+def test_models_of_a_pad_say_their_friction():
+    # That of the sensor's file, where `Fem` has none unless it is given.
+    assert ruffini.LinearPad().friction == ruffini.Surrogate().friction == 1.0
+    assert ruffini.Surrogate(friction=0.3).plain().friction == 0.3
+    assert ruffini.SoftSurrogate(Shape.sphere(1e-2), friction=0.5).friction == 0.5

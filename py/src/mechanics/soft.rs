@@ -37,6 +37,9 @@ pub(crate) struct SoftSurrogate {
     /// Object's body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
+    /// Coefficient of friction between object and fingers.
+    #[pyo3(get)]
+    friction: f64,
 }
 
 #[pymethods]
@@ -62,7 +65,7 @@ impl SoftSurrogate {
         })?;
         let model = model.map_err(python_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
-        Ok(Self { model, body: Py::new(py, body)? })
+        Ok(Self { model, body: Py::new(py, body)?, friction })
     }
 
     fn __repr__(&self) -> String {

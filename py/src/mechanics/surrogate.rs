@@ -37,6 +37,9 @@ pub(crate) struct Surrogate {
     /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
+    /// Coefficient of friction.
+    #[pyo3(get)]
+    friction: f64,
 }
 
 /// Linear elastic model of a sensor's pad that resolves small contacts.
@@ -65,6 +68,9 @@ pub(crate) struct LinearPad {
     /// Body, with mesh and material, to which solutions refer.
     #[pyo3(get)]
     body: Py<SoftBody>,
+    /// Coefficient of friction.
+    #[pyo3(get)]
+    friction: f64,
 }
 
 #[pymethods]
@@ -84,15 +90,15 @@ impl LinearPad {
         contact: &str,
     ) -> PyResult<Self> {
         let resolution = nodes_of(resolution)?;
+        let gel = CalibratedGel::new(sensor, calibration, [young, poisson, friction]);
+        let CalibratedGel { sensor, moduli, friction } = gel.map_err(pad_error)?;
         let model = in_pool(py, || {
-            let CalibratedGel { sensor, moduli, friction } =
-                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
             let contact = contact.parse()?;
             surrogate::LinearPad::new(&sensor, moduli, friction, resolution, contact)
         })?;
         let model = model.map_err(pad_error)?;
         let body = SoftBody::from_core(py, model.body().clone())?;
-        Ok(Self { model, body: Py::new(py, body)? })
+        Ok(Self { model, body: Py::new(py, body)?, friction })
     }
 
     fn __repr__(&self) -> String {
@@ -145,12 +151,10 @@ impl Surrogate {
         poisson: Option<f64>,
         friction: Option<f64>,
     ) -> PyResult<Self> {
-        let model = in_pool(py, || {
-            let CalibratedGel { sensor, moduli, friction } =
-                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
-            surrogate::Surrogate::new(&sensor, moduli, friction)
-        })?;
-        let model = Self::of(py, model.map_err(python_error)?)?;
+        let gel = CalibratedGel::new(sensor, calibration, [young, poisson, friction]);
+        let gel = gel.map_err(python_error)?;
+        let make = || surrogate::Surrogate::new(&gel.sensor, gel.moduli, gel.friction);
+        let model = Self::of(py, in_pool(py, make)?.map_err(python_error)?, gel.friction)?;
         warn(py, None, sensor, calibration, poisson)?;
         Ok(model)
     }
@@ -177,12 +181,10 @@ impl Surrogate {
         poisson: Option<f64>,
         friction: Option<f64>,
     ) -> PyResult<Self> {
-        let model = in_pool(py, || {
-            let CalibratedGel { sensor, moduli, friction } =
-                CalibratedGel::new(sensor, calibration, [young, poisson, friction])?;
-            surrogate::Surrogate::load(&path, &sensor, moduli, friction)
-        })?;
-        let model = Self::of(py, model.map_err(python_error)?)?;
+        let gel = CalibratedGel::new(sensor, calibration, [young, poisson, friction]);
+        let gel = gel.map_err(python_error)?;
+        let make = || surrogate::Surrogate::load(&path, &gel.sensor, gel.moduli, gel.friction);
+        let model = Self::of(py, in_pool(py, make)?.map_err(python_error)?, gel.friction)?;
         warn(py, Some(model.card()), sensor, calibration, poisson)?;
         Ok(model)
     }
@@ -194,7 +196,8 @@ impl Surrogate {
     /// Same network evaluated by Candle's layers, the reference for the fast implementation:
     /// slower, with the same solutions up to rounding.
     fn plain(&self, py: Python<'_>) -> Self {
-        Self { model: self.model.plain(), body: self.body.clone_ref(py) }
+        let body = self.body.clone_ref(py);
+        Self { model: self.model.plain(), body, friction: self.friction }
     }
 
     /// Description of the weights as JSON: form, training, data, errors on unseen data.
@@ -245,9 +248,9 @@ impl Surrogate {
 }
 
 impl Surrogate {
-    fn of(py: Python<'_>, model: surrogate::Surrogate) -> PyResult<Self> {
+    fn of(py: Python<'_>, model: surrogate::Surrogate, friction: f64) -> PyResult<Self> {
         let body = SoftBody::from_core(py, model.body().clone())?;
-        Ok(Self { model, body: Py::new(py, body)? })
+        Ok(Self { model, body: Py::new(py, body)?, friction })
     }
 }
 
