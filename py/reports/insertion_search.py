@@ -47,7 +47,7 @@ class Spiral:
         the spiral (m), the phase of the circle, whether the peg is in, and where (m).
         """
         place = part(observation, "proprio", "tool centre position")
-        sides = [f"force on the {side} pad, in its frame" for side in ("\N{MINUS SIGN}x", "+x")]
+        sides = [f"force, {side} pad" for side in ("\N{MINUS SIGN}x", "+x")]
         up = sum(part(observation, "wrench", side)[:, 1] for side in sides)
         count = len(place)
         if state is None:

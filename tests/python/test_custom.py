@@ -278,7 +278,7 @@ def test_own_observations_begin_and_end_with_their_episodes(mode):
     steps, ended = np.zeros(3), np.zeros(3, bool)
     ends = 0
     for action in actions(3, 80):
-        action[:, 2] -= 0.8
+        action[:, 2] = np.maximum(action[:, 2] - 0.8, -1)
         if mode == "Disabled" and ended.any():
             first, _ = envs.reset(options={"reset_mask": ended})
             steps[ended] = 0
@@ -306,6 +306,38 @@ def test_own_observations_begin_and_end_with_their_episodes(mode):
     assert ends > 3
 
 
+class Aiming(Low):
+    """Observes a height that it draws at each start, and its last action."""
+
+    observation = {"aim": Box(0, 1, (1,), np.float32), "last": Box(-1, 1, (5,), np.float32)}
+
+    def start(self, state, rows):
+        if not hasattr(self, "aim"):
+            self.aim = np.zeros(len(state.action))
+        self.aim[rows] = state.random.uniform()
+
+    def observe(self, state):
+        return {"aim": self.aim, "last": state.action}
+
+
+def test_numbers_of_ones_own_are_drawn_at_the_start_with_every_mode():
+    drawn = []
+    for mode in ("NextStep", "SameStep"):
+        envs = CustomVectorEnv(Aiming, 3, autoreset_mode=mode, max_episode_steps=9)
+        seen, _ = envs.reset(seed=5)
+        aims = [[aim] for aim in seen["aim"][:, 0].tolist()]
+        for _ in range(60):
+            seen, *_ = envs.step(np.full((3, 5), 3.0))
+            assert seen["last"].max() <= 1
+            for row, aim in enumerate(seen["aim"][:, 0].tolist()):
+                aims[row] += [aim] * (aim != aims[row][-1])
+        drawn.append([row[:4] for row in aims])
+        assert len({aim for row in aims for aim in row}) >= 12
+    env = CustomEnv(Aiming)
+    first = [env.reset(seed=6)[0]["aim"][0], *(env.reset()[0]["aim"][0] for _ in range(3))]
+    assert drawn[0] == drawn[1] and drawn[0][1] == first
+
+
 def test_stable_baselines3_sees_own_observations_of_the_last_state(remembering):
     sb3 = pytest.importorskip("ruffini.sb3")
     envs = sb3.make_vec_env(remembering, n_envs=2, max_episode_steps=5)
@@ -314,6 +346,29 @@ def test_stable_baselines3_sees_own_observations_of_the_last_state(remembering):
         seen, _, dones, infos = envs.step(np.zeros((2, 5)))
     assert dones.all() and (seen["steps"] == 0).all()
     assert all(info["terminal_observation"]["steps"] == 5 for info in infos)
+
+
+@pytest.mark.parametrize("obs", ["dict", "flat"])
+def test_agents_of_a_task_with_channels_that_only_rules_read_are_exported(
+    remembering, obs, tmp_path
+):
+    pytest.importorskip("stable_baselines3")
+    from tiny_agent import exported
+
+    _, _, agent = exported(tmp_path / "a.safetensors", remembering, {}, obs=obs)
+    env = gym.make(remembering, obs=obs)
+    seen, _ = env.reset(seed=0)
+    batch = seen[None] if obs == "flat" else {name: values[None] for name, values in seen.items()}
+    action, _ = agent.predict(batch, deterministic=True)
+    assert action.shape == (1, 5)
+
+
+def test_a_module_that_registers_a_task_may_stand_before_its_id():
+    sb3 = pytest.importorskip("ruffini.sb3")
+    envs = sb3.make_vec_env("ruffini:ruffini/GraspLift-v0", 2, tactile="none")
+    assert envs.reset()["proprio"].shape == (2, 14)
+    with pytest.raises(ModuleNotFoundError, match="nothing_such"):
+        sb3.make_vec_env("nothing_such:ruffini/GraspLift-v0", 2)
 
 
 def test_a_copy_goes_on_as_the_original():
@@ -341,6 +396,17 @@ def watching(observe, **boxes):
     return case(observation=boxes, observe=lambda self, state: observe)
 
 
+class Shaken(Task):
+    """A task on a base whose episodes begin in the hand."""
+
+    base = "HoldStill"
+    settings = RIGID
+    terms = {"still": 1.0}
+
+    def reward(self, state):
+        return {"still": state.base_terms["still"]}
+
+
 def case(**members):
     """A task that is wrong in some way."""
     return type("Wrong", (Low,), members)
@@ -354,7 +420,7 @@ def case(**members):
         (case(terms={"low": "x"}), "Wrong.terms: found {'low': 'x'}, expected names with finite"),
         (case(ending=Task.ending), r"Wrong.endings: found \['down'\] and no method `ending`"),
         (case(base="Juggle"), "Wrong.base: found 'Juggle', expected one of GraspLift"),
-        (case(reads=["colour"]), "observation: found colour, expected one or more of"),
+        (case(reads=["marker"]), "Wrong.reads: found 'marker', did you mean 'markers'"),
         (case(reward=lambda self, state: {"high": 1}), r"reward: found \['high'\], expected .*low"),
         (
             case(reward=lambda self, state: {"low": np.float32(1.0)}),
@@ -378,10 +444,13 @@ def case(**members):
             r"draw mass: found float64 of shape \(3,\), expected numbers of shape \(2,\)",
         ),
         (case(draw=lambda self, random: {"mass": np.full(2, np.nan)}), "draw mass: found .*nan"),
-        (case(draw=lambda self, random: {"smell": np.ones(2)}), "start: found smell, expected one"),
+        (
+            case(draw=lambda self, random: {"smell": np.ones(2)}),
+            "draw: found 'smell', expected what GraspLift draws",
+        ),
         (
             case(draw=lambda self, random: {"object": np.full(2, 0.5)}),
-            "start object: found 0.5, expected a whole number within 0 to",
+            "draw object: found 0.5, expected a whole number within 0 to",
         ),
         (case(reward=Task.reward), "Wrong.reward: found none, expected a method that returns"),
         (case(reads=None), "Wrong.reads: found None, expected a list of names"),
@@ -397,7 +466,11 @@ def case(**members):
             watching({"far": np.ones(2)}),
             r"observe far: found float64 of shape \(2,\), expected numbers of shape \(2, 2\)",
         ),
-        (watching({"far": [[0, 1], [2, 1e39]]}), r"observe far: found 1e\+39 in row 1, expected"),
+        (watching({"far": [[0, 1], [1, 1e39]]}), r"observe far: found 1e\+39 in row 1, expected"),
+        (
+            watching({"far": [[0, 2], [1, 1]]}),
+            "far: found 2 in row 0, expected .* from 0 to 1, its",
+        ),
         (
             watching({}, far=Box(0, 1, (2, 2))),
             r"Wrong.observation 'far': found Box.*, expected Box",
@@ -407,6 +480,14 @@ def case(**members):
         (
             case(observation={"far": Box(0, 1, (2,))}),
             r"Wrong.observation: found \['far'\] and no method `observe`",
+        ),
+        (
+            case(observe=lambda self, state: {}),
+            "Wrong.observe: found no `observation`, expected boxes",
+        ),
+        (
+            type("Wrong", (Task,), vars(Shaken) | {"draw": lambda self, random: {"yaw": 1.0}}),
+            "draw: found 'yaw', expected what HoldStill draws: object, mass",
         ),
         (case(endings=[f"{n}" for n in range(255)]), "Wrong.endings: found 255, expected at most"),
     ],

@@ -13,7 +13,7 @@ KNOWN = {"hole_error": 0.0, "hole_yaw_error": 0.0, "peg_offset": 0.0, "peg_tilt"
 SEEN = {"observation": ["proprio", "wrench", "insertion", "object"]}
 TIP = "middle of the peg's tip from the hole's mouth, in the hole's frame"
 FORCE = "force of the fixture on the peg, in the hole's frame"
-ON_PADS = [f"force on the {side} pad, in its frame" for side in ("−x", "+x")]
+ON_PADS = [f"force, {side} pad" for side in ("−x", "+x")]
 
 
 def down(env, seconds, aside=0.0, grip=0.0):

@@ -200,7 +200,7 @@ def test_parts_and_an_origin_beside_the_middle_are_told(tmp_path, capsys):
     assert main(["mesh", str(file)]) == 2
     said = capsys.readouterr()
     assert "24, closed, 2 separate parts" in said.out
-    assert "its origin is beside its middle: give centred=True" in said.err
+    assert "its origin is beside its middle: objects={" in said.err
 
 
 def test_a_file_that_is_not_there_is_said_to_be_missing(capsys):

@@ -51,7 +51,7 @@ impl StartQuantity {
         let found = Self::NAMED.iter().find(|(own, _)| *own == name);
         found.map(|(_, quantity)| *quantity).ok_or_else(|| {
             let known = Self::NAMED.map(|(own, _)| own).join(", ");
-            Error::invalid("start", name, format!("one of {known}"))
+            Error::invalid("draw", name, format!("one of {known}"))
         })
     }
 
@@ -92,7 +92,7 @@ impl GivenStart {
             let (name, _) = StartQuantity::NAMED[quantity as usize];
             let number = if quantity == StartQuantity::Object { "a whole number " } else { "" };
             let expected = format!("{number}within {low} to {high}, the range of the settings");
-            return Err(Error::invalid(format!("start {name}"), value, expected));
+            return Err(Error::invalid(format!("draw {name}"), value, expected));
         }
         self.0[quantity as usize] = (!value.is_nan()).then_some(value);
         Ok(())

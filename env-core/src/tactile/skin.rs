@@ -105,7 +105,14 @@ impl Skin {
         let find = |name: &str, [x, y]: [f64; 2]| {
             under(&mesh.vertices, &triangles, x, y).ok_or_else(|| {
                 let found = format!("({x:.4}, {y:.4}) m");
-                Error::invalid(format!("{name} of {}", sensor.name), found, "places on the face")
+                let expected = match name {
+                    "markers" => {
+                        "places on the face: a smaller pitch, fewer across or along, or no \
+                         [markers] in its file"
+                    }
+                    _ => "places on the face",
+                };
+                Error::invalid(format!("{name} of {}", sensor.name), found, expected)
             })
         };
         let view = view(sensor);

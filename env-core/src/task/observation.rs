@@ -283,10 +283,10 @@ pub(super) fn components(channel: StateChannel, config: &TaskConfig) -> Vec<Comp
             both("rise over the table", 1, 2.0, "m"),
         ],
         StateChannel::Wrench => vec![
-            both("force on the −x pad, in its frame", 3, STRONGEST, "N"),
-            both("torque on the −x pad about its face's centre", 3, STRONGEST, "N m"),
-            both("force on the +x pad, in its frame", 3, STRONGEST, "N"),
-            both("torque on the +x pad about its face's centre", 3, STRONGEST, "N m"),
+            both("force, −x pad", 3, STRONGEST, "N"),
+            both("torque, −x pad", 3, STRONGEST, "N m"),
+            both("force, +x pad", 3, STRONGEST, "N"),
+            both("torque, +x pad", 3, STRONGEST, "N m"),
         ],
         StateChannel::Properties => vec![
             between("mass", 1, 0.0, 1001.0, "kg"),

@@ -23,7 +23,7 @@ from __future__ import annotations
 import difflib
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, ClassVar
@@ -36,7 +36,14 @@ from numpy.typing import NDArray
 from ruffini._native import Channels, Native, StepArrays
 from ruffini._schema import CHANNELS, ENDINGS, RULES, TASKS
 from ruffini._single import NativeEnv
-from ruffini._spaces import ACTION_SIZE, Observation, Renderer, Spaces
+from ruffini._spaces import (
+    ACTION_SIZE,
+    NO_LIMIT,
+    Observation,
+    Renderer,
+    Spaces,
+    check_count,
+)
 from ruffini._vector import NativeVectorEnv
 from ruffini._words import nearest
 from ruffini.policies._parts import Places, find, places_of
@@ -47,6 +54,15 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 _MOST_ENDINGS = 255
 """Most endings of an environment, which count from 1 in a byte."""
+_ROUNDING = 1e-5
+"""Share of its bounds, or of 1, by which an own channel may lie beyond them."""
+_QUANTITIES = (
+    *("object", "mass", "friction", "size", "yaw", "x", "y", "start_x", "start_y"),
+    *("start_height", "gel_stiffness"),
+)
+_SETTINGS = {"object": "objects", "x": "position", "y": "position"}
+_SETTINGS |= {"start_x": "start", "start_y": "start"}
+"""Quantities of a start that a task may draw, and settings of them that have other names."""
 
 
 @dataclass(frozen=True)
@@ -56,13 +72,15 @@ class State:
     channels: dict[str, NDArray[np.float32]]
     """Observed channels and those that the task reads, each (N, ...)."""
     action: NDArray[np.float32]
-    """Actions (N, 5) of the step; zeros at the start."""
+    """Actions (N, 5) of the step, cut to [-1, 1]; zeros at the start."""
     base_terms: dict[str, Floats]
     """Terms of the built-in task's reward, each (N,)."""
     base_success: Bools
     """Rows (N,) in which the built-in task is done."""
     places: Places = field(repr=False)
     """Place of each component in its channel."""
+    random: Draws
+    """Random numbers for the rows that begin, in :meth:`Task.start`; elsewhere for none."""
 
     def part(self, channel: str, component: str) -> NDArray[np.float32]:
         """One component (N, ...) of a channel, by its name in ``env.unwrapped.channels()``.
@@ -132,12 +150,16 @@ class Task:
         ``object`` (counted from 0 in the setting ``objects``), ``mass`` (kg), ``friction``,
         ``size``, ``yaw`` (rad), ``x``, ``y``, ``start_x``, ``start_y``, ``start_height`` (m) and
         ``gel_stiffness``, each (n,) for the n rows that `random` draws for, or one number for all,
-        within the range that the settings have.
+        within the range that the settings have. With the autoreset mode ``SameStep``, which
+        Stable-Baselines3 uses, it is called when the episode before begins: numbers of a task's own
+        are drawn in `start`.
         """
         return {}
 
     def start(self, state: State, rows: NDArray[np.intp]) -> None:
         """Take note of the rows whose episode begins with `state`; whatever is kept, is kept here.
+
+        ``state.random`` draws for these rows.
 
         Args:
             state: State of all N environments; only `rows` begin.
@@ -244,6 +266,11 @@ class _Custom(Native):
         drawn = self._task.draw(Draws([self._streams[row] for row in chosen]))
         if not isinstance(drawn, Mapping):
             raise ValueError(f"draw: found {type(drawn).__name__}, expected numbers by name")
+        for name in drawn:
+            if name not in (known := _quantities(self._task.base)):
+                near = nearest(str(name), known)
+                expected = f"what {self._task.base} draws: {', '.join(known)}"
+                raise ValueError(f"draw: found {name!r}{near} expected {expected}")
         # What is left out this time is drawn by native again.
         for given in self._given.values():
             given[chosen] = np.nan
@@ -264,18 +291,20 @@ class _Custom(Native):
         self._action = np.where(rows[:, None], np.float32(0.0), self._action)
         self._paid = np.where(rows[:, None], 0.0, self._paid)
         self._done = self._done & ~rows
-        self._task.start(self._state(observation), np.flatnonzero(rows))
+        chosen = np.flatnonzero(rows)
+        self._task.start(self._state(observation, chosen), chosen)
         self._fresh = self._fresh & ~rows
         self._drawn &= ~rows
         if self._autoreset == "SameStep":
             # Native restarts rows within a step, when it is too late to draw.
             self._draw(rows)
 
-    def _state(self, observation: NDArray[np.float32]) -> State:
+    def _state(self, observation: NDArray[np.float32], begun: Iterable[int] = ()) -> State:
         channels = self._whole.cut(observation)
         assert isinstance(channels, dict)
         named = dict(zip(self._base_terms, self._paid.T, strict=True))
-        return State(channels, self._action, named, self._done, self._places)
+        random = Draws([self._streams[row] for row in begun])
+        return State(channels, self._action, named, self._done, self._places, random)
 
     def _with_own(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Observations of native with the task's own channels after those that are observed.
@@ -290,27 +319,31 @@ class _Custom(Native):
         if not isinstance(given, Mapping) or set(given) != set(boxes):
             names = list(given) if isinstance(given, Mapping) else type(given).__name__
             raise ValueError(f"observe: found {names}, expected the channels {list(boxes)}")
-        own = [self._own_channel(name, given[name], box.shape[0]) for name, box in boxes.items()]
+        own = [self._own_channel(name, given[name], box) for name, box in boxes.items()]
         # Channels that are not observed stay last.
         observed = self._spaces.size - sum(channel.shape[1] for channel in own)
         return np.concatenate([observation[:, :observed], *own, observation[:, observed:]], axis=1)
 
-    def _own_channel(self, name: str, values: Any, size: int) -> NDArray[np.float32]:
-        """Values (N, size) of one of the task's own channels."""
+    def _own_channel(self, name: str, values: Any, box: Box) -> NDArray[np.float32]:
+        """Values (N, n) of one of the task's own channels."""
         array = np.asarray(values)
-        shape = (self._count, size)
-        if array.shape == (self._count,) and size == 1:
+        shape = (self._count, *box.shape)
+        if array.shape == (self._count,) and box.shape == (1,):
             array = array[:, None]
         if array.shape != shape or array.dtype.kind not in "fiub":
             found = f"{array.dtype} of shape {array.shape}"
             raise ValueError(f"observe {name}: found {found}, expected numbers of shape {shape}")
-        with np.errstate(over="ignore"):
-            channel = array.astype(np.float32)
-        wrong = np.argwhere(~np.isfinite(channel))
-        if len(wrong):
-            row, place = wrong[0]
+        # Rounding may lead just beyond a bound.
+        low, high = (bound.astype(np.float64) for bound in (box.low, box.high))
+        slack = _ROUNDING * np.maximum(1.0, np.maximum(np.abs(low), np.abs(high)))
+        slack = np.where(np.isfinite(slack), slack, 0.0)
+        within = np.isfinite(array) & (array >= low - slack) & (array <= high + slack)
+        if not within.all():
+            row, place = np.argwhere(~within)[0]
             found = f"{array[row, place]} in row {row}"
-            raise ValueError(f"observe {name}: found {found}, expected finite numbers")
+            expected = f"finite numbers from {low[place]:g} to {high[place]:g}, its box"
+            raise ValueError(f"observe {name}: found {found}, expected {expected}")
+        channel: NDArray[np.float32] = np.clip(array.astype(np.float32), box.low, box.high)
         return channel
 
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
@@ -318,7 +351,8 @@ class _Custom(Native):
         restarted = self._fresh
         self._draw(restarted)
         step = super()._advance(actions)
-        self._action, self._paid, self._done = actions, step.terms, step.success
+        self._action = np.clip(actions, np.float32(-1.0), np.float32(1.0))
+        self._paid, self._done = step.terms, step.success
         whole = step.observation
         if step.finals:
             whole = whole.copy()
@@ -347,7 +381,7 @@ class _Custom(Native):
                 known = ", ".join(self._own_endings) or "none: `endings` lists no name"
                 near = nearest(str(name), self._own_endings)
                 raise ValueError(f"ending: found {name!r}{near} expected one of {known}")
-            new = self._booleans(name, rows) & ~restarted & ~step.terminated & ~ended
+            new = self._booleans(f"ending {name}", rows) & ~restarted & ~step.terminated & ~ended
             step.ending[new] = self._endings.index(name) + 1
             ended |= new
         step.terminated = step.terminated | ended
@@ -479,6 +513,8 @@ def register(env_id: str, task: type[Task], max_episode_steps: int | None = None
         ValueError: If `task` is no task.
     """
     _check(task)
+    if max_episode_steps is not None:
+        check_count("max_episode_steps", max_episode_steps, NO_LIMIT)
     steps = task.settings.get("max_episode_steps", TASKS[task.base]["max_episode_steps"])
     gym.register(
         id=env_id,
@@ -512,6 +548,11 @@ def _check(task: Any) -> None:
         found = getattr(task, listed)
         if not isinstance(found, (str, Sequence)) or not all(isinstance(n, str) for n in found):
             raise ValueError(f"{name}.{listed}: found {found!r}, expected a list of names")
+    for channel in _names(task.reads):
+        if channel not in CHANNELS:
+            near = nearest(channel, CHANNELS)
+            expected = f"one of {', '.join(CHANNELS)}"
+            raise ValueError(f"{name}.reads: found {channel!r}{near} expected {expected}")
     _check_observation(task)
     endings = _names(task.endings)
     if endings and task.ending is Task.ending:
@@ -536,6 +577,14 @@ def _check_observation(task: type[Task]) -> None:
             raise ValueError(f"{where}: found a built-in channel's name, expected another")
     if boxes and task.observe is Task.observe:
         raise ValueError(f"{name}.observation: found {list(boxes)} and no method `observe`")
+    if not boxes and task.observe is not Task.observe:
+        raise ValueError(f"{name}.observe: found no `observation`, expected boxes of its channels")
+
+
+def _quantities(base: str) -> list[str]:
+    """Quantities of a start that a base draws."""
+    drawn = {each["name"] for kind in ("settings", "others") for each in TASKS[base][kind]}
+    return [name for name in _QUANTITIES if _SETTINGS.get(name, name) in drawn]
 
 
 def _bounds(box: Box) -> tuple[list[float], list[float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
@@ -65,7 +66,8 @@ def make_vec_env(
     """Create a vector environment for Stable-Baselines3.
 
     Args:
-        env_id: A registered id, such as ``"ruffini/GraspLift-v0"``.
+        env_id: A registered id, such as ``"ruffini/GraspLift-v0"``; ``"module:id"`` imports the
+            module first.
         n_envs: Number of environments.
         seed: Seed of the first one; each next one has the next seed.
         infos: ``"every step"`` fills every row's info in every step, as ``DummyVecEnv`` does;
@@ -82,8 +84,12 @@ def make_vec_env(
     for name in kwargs:
         if name in _INSTEAD:
             raise ValueError(f"make_vec_env: found {name}, expected {_INSTEAD[name]}")
+    # As of Gymnasium's `make`, a module may stand in front, which registers the task.
+    module, _, name = env_id.rpartition(":")
     try:
-        entry = gym.spec(env_id).vector_entry_point
+        if module:
+            importlib.import_module(module)
+        entry = gym.spec(name).vector_entry_point
     except gym.error.Error as error:
         expected = "one as 'ruffini/GraspLift-v0', or that of a task that was registered"
         raise type(error)(f"env_id: found {env_id!r}, expected {expected} ({error})") from None

@@ -229,8 +229,14 @@ def _channels(env_id: str, settings: dict[str, Any]) -> dict[str, int]:
     """Channels of an environment in its order, with their sizes."""
     env = gym.make(env_id, **settings).unwrapped
     table = env.channels()  # type: ignore[attr-defined]
+    observed = env._observed  # type: ignore[attr-defined]
     env.close()
-    return {name: sum(len(part[1]) for part in parts) for name, parts in table}
+    # A task of one's own may read channels that its agents do not observe.
+    return {
+        name: sum(len(part[1]) for part in parts)
+        for name, parts in table
+        if observed is None or name in observed
+    }
 
 
 def _parameters(policy: ActorCriticPolicy) -> dict[str, torch.Tensor]:

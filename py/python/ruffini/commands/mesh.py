@@ -76,7 +76,8 @@ def _run(options: argparse.Namespace) -> None:
         refused.append(f"{narrow}, more than the gripper opens: give size below {fitting:.2f}")
     middle = options.scale * mesh.bounds.mean(axis=0)
     if (abs(middle) > _OFF_CENTRE * extents).any():
-        refused.append("its origin is beside its middle: give centred=True in objects")
+        remedy = f'objects={{"mesh": "{file}", "centred": True}}'
+        refused.append(f"its origin is beside its middle: {remedy} moves it there")
     if refused:
         raise ValueError(f"{file}: environments refuse it as it is; {'; '.join(refused)}")
 

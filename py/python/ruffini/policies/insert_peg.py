@@ -78,8 +78,8 @@ def felt(observation: dict[str, Any]) -> tuple[Floats, Floats, Floats, Floats]:
     """
     forces, turns, arms = [], [], []
     for side, sign in (("\N{MINUS SIGN}", 1.0), ("+", -1.0)):
-        force = part(observation, "wrench", f"force on the {side}x pad, in its frame")
-        turn = part(observation, "wrench", f"torque on the {side}x pad about its face's centre")
+        force = part(observation, "wrench", f"force, {side}x pad")
+        turn = part(observation, "wrench", f"torque, {side}x pad")
         # Of the pad on −x, the axes x, y, z are the wrist's y, z, x; of the other −y, z, −x.
         forces.append(np.stack([sign * force[:, 2], sign * force[:, 0], force[:, 1]], axis=1))
         turns.append(np.stack([sign * turn[:, 2], sign * turn[:, 0], turn[:, 1]], axis=1))
