@@ -108,7 +108,7 @@ def test_quotients_of_speeds_in_the_readme_are_those_of_their_report(words):
 @pytest.mark.parametrize("agent", ["GraspLift", "HoldStill", "GraspFragile"])
 def test_episodes_that_the_readme_counts_are_those_of_the_report(agent):
     text = " ".join((ROOT / "README.md").read_text().split())
-    [found] = re.findall(rf"{agent}'s (\d+) of (\d+) \((\d+)", text)
+    [found] = re.findall(rf"{agent}'s (?:wins )?(\d+) of (\d+) \((\d+)", text)
     count, *shares = (
         pages.value("sim_to_sim", f"policies / {agent} agent / {key}")
         for key in ("seeds", "fem / success", "surrogate / success")
