@@ -154,7 +154,7 @@ def test_what_does_not_fit_is_named(model, skin, answer, tmp_path):
     assert Skin(model.body, resolution=counts).read("image").shape == (8, 6, 3)
     with pytest.raises(ValueError, match=r"resolution.image: found \[0, 3\], expected 1 to 512"):
         Skin(model.body, resolution={"image": (0, 3)})
-    with pytest.raises(ValueError, match="sensor: found digti, expected one of"):
+    with pytest.raises(ValueError, match=r"found digti, did you mean 'digit'\? expected one of"):
         Skin(model.body, "digti")
     thick = tmp_path / "thick.toml"
     text = (ROOT / "env-core/assets/sensors/gelsight-mini.toml").read_text()
