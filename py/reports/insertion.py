@@ -301,8 +301,8 @@ With the network of 30 November 2026, those of *loosened* hexagonal pegs are nea
 episode of four: for some steps at a time, shear on both pads jumps by 0.6 to 0.9 N, little beside a
 grip of 10 N and much beside the 0.24 N that the peg weighs. The linear solution jumps by as much
 where it follows the same motion, so it is not the network's correction; a motion by 0.02 mm is
-enough. The peg has sharp edges, which no grid of cells resolves. That *aside* is 0.1 mm for the
-rigid bodies where a peg only leans says how near that comparison comes.
+enough (looked at by hand, once). The peg has sharp edges, which no grid of cells resolves. That
+*aside* is 0.1 mm for the rigid bodies where a peg only leans says how near that comparison comes.
 
 {trembles}
 
