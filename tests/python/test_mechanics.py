@@ -310,3 +310,33 @@ def test_fields_are_read_at_points():
     assert mesh.at(points, mesh.vertices[:, 0]).shape == (3,)
     with pytest.raises(ValueError, match=r"field: found .*expected .* for vertices"):
         mesh.at(points, numbers[:7])
+
+
+@pytest.mark.parametrize("model", [LinearPad, Surrogate])
+def test_more_friction_than_contact_on_cells_can_have_is_refused(model):
+    path = [([0, 0, 4e-3 - depth], UPRIGHT) for depth in (-1e-4, 2e-4)]
+    assert model(friction=4).solve(Press(Shape.sphere(4e-3), path))[0].wrench[2] < 0
+    with pytest.raises(
+        ValueError, match=r"friction: found 4\.1, expected a coefficient from 0 to 4"
+    ):
+        model(friction=4.1)
+
+
+def test_fields_of_an_answer_are_read_only():
+    (answer,) = LinearPad(friction=0.5).solve(
+        Press(Shape.sphere(4e-3), [([0, 0, 3.8e-3], UPRIGHT)])
+    )
+    for field in (answer.displacement, answer.von_mises, answer.contact_force):
+        with pytest.raises(ValueError, match="read-only"):
+            field *= 1e3
+    assert answer.displacement is answer.displacement
+
+
+def test_a_history_of_another_shape_is_refused():
+    path = [([0, 0, 4e-3 - depth], UPRIGHT) for depth in (-1e-4, 2e-4, 4e-4)]
+    (answer,) = LinearPad(friction=0.5).solve(Press(Shape.sphere(4e-3), path))
+    assert Press(Shape.sphere(4e-3), path[-1:], history=answer.history)
+    with pytest.raises(
+        ValueError, match="points off the shapes, expected one of a press by the same"
+    ):
+        Press(Shape.sphere(2e-3), path[-1:], history=answer.history)

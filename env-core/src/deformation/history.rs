@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::body::{Law, Moduli, SoftBody};
 use crate::{
     Error, Result,
+    geometry::Shape,
     saved::{self, Mark},
 };
 
@@ -114,7 +115,7 @@ impl ModelIdentity {
 
 impl fmt::Display for ModelIdentity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { nodes, fixed: (fixed, _), place, moduli: [young, poisson], law, .. } = self;
+        let Self { nodes, fixed: (fixed, _), moduli: [young, poisson], law, .. } = self;
         let numbering = match self.numbering {
             Numbering::Vertices => "at the vertices",
             Numbering::Free => "at the vertices of a free body",
@@ -124,9 +125,8 @@ impl fmt::Display for ModelIdentity {
         };
         write!(
             f,
-            "{nodes} nodes {numbering} ({fixed} fixed, {:.6} mm from a point) of a {law} solid of \
-             {young:.3e} Pa and a Poisson's ratio of {poisson:.4}",
-            1e3 * place
+            "{nodes} nodes {numbering} ({fixed} fixed) of a {law} solid of {young:.3e} Pa and a \
+             Poisson's ratio of {poisson:.4}"
         )
     }
 }
@@ -136,8 +136,11 @@ impl History {
     /// displacement and `points` contact points.
     pub fn check(&self, model: &ModelIdentity, nodes: usize, points: usize) -> Result<()> {
         if !self.model.is(model) {
-            let [found, expected] =
+            let [found, mut expected] =
                 [&self.model, model].map(|model| format!("one of a model with {model}"));
+            if found == expected {
+                expected += ", in other places";
+            }
             return Err(Error::invalid("history", found, expected));
         }
         if self.displacement.len() != nodes {
@@ -153,6 +156,23 @@ impl History {
             return Err(Error::invalid("history", anchor.point, expected));
         }
         Ok(())
+    }
+
+    /// Returns an error if most points that touch stick where none of the `shapes` has a surface: the
+    /// history is one of other shapes.
+    pub fn check_shapes(&self, shapes: &[Shape]) -> Result<()> {
+        /// Distance from the surface up to which a point may stick, relative to the thickness.
+        const OFF: f64 = 0.1;
+        let off = |anchor: &Anchor| {
+            let shape = &shapes[anchor.shape as usize];
+            shape.distance(&anchor.place).value.abs() / shape.thickness()
+        };
+        let away = self.anchors.iter().filter(|anchor| off(anchor) > OFF).count();
+        if 2 * away <= self.anchors.len() {
+            return Ok(());
+        }
+        let found = format!("one with {away} of {} points off the shapes", self.anchors.len());
+        Err(Error::invalid("history", found, "one of a press by the same shapes"))
     }
 
     /// This history for a press of other shapes: of each, its place among the present ones, or

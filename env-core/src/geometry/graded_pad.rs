@@ -28,6 +28,9 @@ const GROWTH: (f64, f64) = (0.5, 0.005);
 const FINEST: f64 = 1e-3;
 /// Most points around which the mesh may be refined.
 const MOST_POINTS: usize = 10_000;
+/// Distance of a point from the pad up to which it is taken, relative to the thickness: farther
+/// ones are in another unit or frame.
+const BESIDE: f64 = 2.0;
 /// Ratio of two spacings at which the search for the finest one stops.
 const APART: f64 = 1.03;
 /// Ratio of two growths at which the search for the least one stops: their nodes differ by 3 %.
@@ -73,6 +76,14 @@ impl PadOutline {
         }
         if let Some(point) = points.iter().find(|p| !p.iter().all(|x| x.is_finite())) {
             return Err(Error::invalid("around", point, "finite places"));
+        }
+        let beside = |p: &Point3<f64>| {
+            let over = [p.x.abs() - 0.5 * outline.width, p.y.abs() - 0.5 * outline.length];
+            over.into_iter().chain([p.z, -p.z - outline.thickness]).fold(0.0, f64::max)
+        };
+        if let Some(point) = points.iter().find(|p| beside(p) > BESIDE * outline.thickness) {
+            let expected = format!("places within {} m of the pad", BESIDE * outline.thickness);
+            return Err(Error::invalid("around", point, expected));
         }
         let block = PadOutline::flat(outline.length, outline.width, outline.thickness);
         let widest = WIDEST.0.min(WIDEST.1 * outline.thickness);
@@ -312,6 +323,8 @@ mod tests {
             |points: &[Point3<f64>], nodes| mini().graded(points, nodes).unwrap_err().to_string();
         assert!(message(&[], 2000).starts_with("around"));
         assert!(message(&[Point3::new(f64::NAN, 0.0, 0.0)], 2000).contains("finite"));
+        let in_mm = Point3::new(1.0, 0.0, 0.0);
+        assert!(message(&[in_mm], 2000).contains("within 0.008 m of the pad"));
         assert!(message(&ring(), 200).starts_with("nodes"));
     }
 }

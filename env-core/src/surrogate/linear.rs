@@ -21,7 +21,7 @@ use crate::{
         Compliance, ComplianceOptions,
         nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact, Sides},
     },
-    contact::{Backing, check_friction},
+    contact::Backing,
     deformation::{Law, Moduli, Press, SoftBody},
     geometry::{PadMesh, PadOutline, Transfer},
     interrupt,
@@ -134,7 +134,6 @@ impl LinearBaseline {
         model: &PadMesh,
         resolution: ContactResolution,
     ) -> Result<Self> {
-        check_friction(gel.friction)?;
         gel.moduli.check()?;
         let (outline, moduli) = (sensor.outline, gel.moduli);
         let of = MeshedGel { outline, moduli, nodes, cells: model.cells };

@@ -7,9 +7,10 @@ use serde_json::Value;
 
 use crate::{
     Error, Result,
+    compliance::nodal,
     deformation::{Law, Moduli, SoftBody},
     geometry::PadMesh,
-    sensor::{Calibration, Sensor},
+    sensor::{Calibration, MOST_FRICTION, Sensor},
 };
 
 /// Model that solves presses.
@@ -34,6 +35,14 @@ impl Choice {
         match self {
             Self::Fem => true,
             Self::None | Self::Compliance | Self::Surrogate => false,
+        }
+    }
+
+    /// Largest coefficient of friction that the model takes.
+    pub(crate) fn most_friction(self) -> f64 {
+        match self {
+            Self::Compliance | Self::Surrogate => nodal::MOST_FRICTION,
+            Self::None | Self::Fem => MOST_FRICTION,
         }
     }
 

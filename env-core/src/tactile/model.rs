@@ -178,7 +178,7 @@ impl Model {
             Choice::None => return Ok(None),
             Choice::Compliance => {
                 let (_, moduli) = config.material(sensor)?;
-                let (friction, nodes) = (sensor.friction.coefficient, config.resolution.nodes);
+                let (friction, nodes) = (usual_friction(config, sensor), config.resolution.nodes);
                 let fast = ContactResolution::FAST;
                 let model = LinearPad::new(sensor, moduli, friction, nodes, fast)?;
                 Self::Linear(model.with_spread_stress())
@@ -221,6 +221,11 @@ impl DeformationModel for Model {
     }
 }
 
+/// Friction of presses that have none of their own, which those of an environment do.
+fn usual_friction(config: &TactileConfig, sensor: &Sensor) -> f64 {
+    sensor.friction.coefficient.min(config.choice.most_friction())
+}
+
 /// Loads the network for the gel of `sensor`.
 fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
     let (law, moduli) = config.material(sensor)?;
@@ -228,7 +233,7 @@ fn trained(config: &TactileConfig, sensor: &Sensor) -> Result<Surrogate> {
         let expected = "a neo-hookean gel for the surrogate";
         return Err(Error::invalid("material", law, expected));
     }
-    let friction = sensor.friction.coefficient;
+    let friction = usual_friction(config, sensor);
     let model = match &config.network {
         Some(path) => Surrogate::load(Path::new(path), sensor, moduli, friction)?,
         None => Surrogate::new(sensor, moduli, friction)?,

@@ -40,6 +40,11 @@ impl TaskConfig {
             return Err(Error::invalid("objects", self.objects.len(), "1 to 1000 objects"));
         }
         self.touch().validate()?;
+        let most = self.tactile.most_friction();
+        if self.pads_feel() && self.friction[1] > most {
+            let expected = format!("up to {most} with tactile \"surrogate\" and \"compliance\"");
+            return Err(Error::invalid("friction", format!("{:?}", self.friction), expected));
+        }
         if self.gel_stiffness != AS_CALIBRATED && !self.pads_feel() {
             let found = format!("{:?}", self.gel_stiffness);
             return Err(Error::invalid("gel_stiffness", found, "1 where no pad is soft"));

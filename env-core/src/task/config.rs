@@ -216,7 +216,8 @@ impl TaskConfig {
                 friction,
                 [0.0, 10.0],
                 "",
-                "Coulomb coefficient of the object against pads and table",
+                "Coulomb coefficient of the object against pads and table; up to 4 with ``tactile`` \
+                 \"surrogate\" and \"compliance\"",
             ),
             Setting::range("size", size, [0.1, 10.0], "", "size relative to the named object"),
             Setting::range(

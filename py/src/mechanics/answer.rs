@@ -9,7 +9,11 @@ use pyo3::{
 };
 use ruffini_core::deformation::{self, Wrench};
 
-use super::{Shape, arrays::array_of_vectors, press};
+use super::{
+    Shape,
+    arrays::{array_of_vectors, read_only},
+    press,
+};
 use crate::error::python_error;
 
 /// Equilibrium of a soft body with the shapes that press it, in the frame of the body.
@@ -27,7 +31,7 @@ pub(crate) struct Deformation {
     contact_force: Lazy<PyArray2<f64>>,
 }
 
-/// Array that is made when it is first asked for.
+/// Array that is made when it is first asked for, and is read-only.
 type Lazy<A> = PyOnceLock<Py<A>>;
 
 impl Deformation {
@@ -64,23 +68,23 @@ pub(super) fn pose<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> Pose<'py> {
 impl Deformation {
     /// Displacement of the nodes (V, 3) in m.
     #[getter]
-    fn displacement(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
-        let make = || array_of_vectors(py, &self.inner.displacement).unbind();
-        self.displacement.get_or_init(py, make).clone_ref(py)
+    fn displacement(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        let make = || read_only(array_of_vectors(py, &self.inner.displacement));
+        Ok(self.displacement.get_or_try_init(py, make)?.clone_ref(py))
     }
 
     /// Von Mises equivalent of the Cauchy stress in the tetrahedra (T,) in Pa.
     #[getter]
-    fn von_mises(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
-        let make = || PyArray1::from_slice(py, &self.inner.von_mises).unbind();
-        self.von_mises.get_or_init(py, make).clone_ref(py)
+    fn von_mises(&self, py: Python<'_>) -> PyResult<Py<PyArray1<f64>>> {
+        let make = || read_only(PyArray1::from_slice(py, &self.inner.von_mises));
+        Ok(self.von_mises.get_or_try_init(py, make)?.clone_ref(py))
     }
 
     /// Contact force on the nodes (V, 3) in N.
     #[getter]
-    fn contact_force(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
-        let make = || array_of_vectors(py, &self.inner.contact_force).unbind();
-        self.contact_force.get_or_init(py, make).clone_ref(py)
+    fn contact_force(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        let make = || read_only(array_of_vectors(py, &self.inner.contact_force));
+        Ok(self.contact_force.get_or_try_init(py, make)?.clone_ref(py))
     }
 
     /// Force (N) and torque about the origin (N m) of all contact on the body (6,).

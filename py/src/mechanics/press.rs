@@ -80,7 +80,11 @@ impl Press {
             }
         };
         let press = match &history {
-            Some(history) => press.and_then(|press| press.after(history.get().inner.clone())),
+            Some(history) => press.and_then(|press| {
+                let press = press.after(history.get().inner.clone())?;
+                history.get().inner.check_shapes(press.shapes())?;
+                Ok(press)
+            }),
             None => press,
         };
         let inner = press.map_err(python_error)?;

@@ -2,20 +2,20 @@
 //! before.
 //!
 //! The pad is a bonded elastic layer ([`LayerKernel`]) but for its sides, whose influence
-//! ([`SideCompliance`]) is interpolated between the centres of the cells of the first grid. Where
-//! its face is inclined, forces and displacements turn with it.
+//! ([`SideCompliance`]) is interpolated between nodes that are dense near them. Where its face is
+//! inclined, forces and displacements turn with it.
 //!
 //! Shapes: M cells of a grid.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::{
     kernel::{LayerKernel, Table, matrix},
-    side_compliance::{FirstGrid, SideCompliance},
+    side_compliance::SideCompliance,
     sides::Sides,
 };
 use crate::{
@@ -39,6 +39,18 @@ const MANY: usize = 2000;
 
 /// Number of grids with tables of heights. Those of all finer ones together take tens of megabytes.
 const TABULATED: usize = 5;
+
+/// Points along each side of a cell of the first grid over which the influence of the sides is
+/// averaged.
+const AVERAGED: u32 = 3;
+
+/// Cells of the first grid, counted row after row along y.
+struct FirstGrid {
+    outline: PadOutline,
+    /// Cells along x and y, and their sides (m).
+    count: [u32; 2],
+    sides: [f64; 2],
+}
 
 /// Data shared by the grids of a pad.
 pub(super) struct CellLevels {
@@ -78,7 +90,8 @@ impl CellLevels {
         moduli: Moduli,
         sides: &Sides,
     ) -> Arc<Self> {
-        let first = FirstGrid::new(outline, count);
+        let sizes = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
+        let first = FirstGrid { outline: *outline, count, sides: sizes };
         let kernel = LayerKernel::new(first.sides, levels, outline.thickness, moduli);
         let heights = |level: usize| -> Vec<f64> {
             let [nx, ny] = count.map(|count| count << level);
@@ -86,7 +99,7 @@ impl CellLevels {
             places.map(|cell| height(&first, level as u32, cell)).collect()
         };
         let heights = (0..levels.min(TABULATED)).map(heights).collect();
-        let edges = SideCompliance::new(&first, sides);
+        let edges = SideCompliance::new(sides);
         Arc::new(Self { first, kernel, heights, edges })
     }
 
@@ -221,7 +234,7 @@ impl CellGrid {
         self.cells.kernel.level(self.level as usize)
     }
 
-    /// Change of it by the sides, between [`CellGrid::around`] the cells.
+    /// Change of it by the sides, between the nodes [`CellGrid::around`] the cells.
     pub(super) fn edges(&self) -> &SideCompliance {
         &self.cells.edges
     }
@@ -238,13 +251,23 @@ impl CellGrid {
     pub(super) fn responses(&self) -> Responses {
         let count = self.len() as u32;
         let mut all = Responses::new(3 * count as usize);
+        let spread: Vec<_> = (0..count).map(|cell| self.spread(cell)).collect();
+        // Displacement around each node by the sides under forces spread over the loaded cell.
+        let mut by_sides = vec![Matrix3::<f32>::zeros(); self.edges().len()];
         let tilts: Vec<Matrix3<f32>> = (0..count).map(|cell| self.tilt(cell).cast()).collect();
         for loaded in 0..count {
             let (from, tilt) = (self.cell(loaded), tilts[loaded as usize].transpose());
+            for (node, sum) in (0..).zip(&mut by_sides) {
+                let part =
+                    |(from, share): &(u32, f32)| matrix(&self.edges().block(*from, node)) * *share;
+                *sum = spread[loaded as usize].iter().map(part).sum();
+            }
             let response = |at: u32| {
                 let to = self.cell(at);
                 let by_layer = matrix(&self.layer().at([to[0] - from[0], to[1] - from[1]]));
-                tilts[at as usize] * by_layer * tilt + matrix(&self.edges().block(loaded, at))
+                let part = |(node, share): &(u32, f32)| by_sides[*node as usize] * *share;
+                let by_sides: Matrix3<f32> = spread[at as usize].iter().map(part).sum();
+                tilts[at as usize] * by_layer * tilt + by_sides
             };
             let blocks: Vec<_> = (0..count).map(response).collect();
             for axis in 0..3 {
@@ -263,16 +286,21 @@ impl CellGrid {
         self.layer().under([(away[0] / sides[0]) as f32, (away[1] / sides[1]) as f32], force)
     }
 
-    /// Place along x and y of a cell of the first grid.
-    pub(super) fn first_cell(&self, rank: u32) -> [u32; 2] {
-        let rows = self.cells.first.count[1];
-        [rank / rows, rank % rows]
+    /// Nodes of [`CellGrid::edges`] around a cell, with weights that sum to 1.
+    pub(super) fn around(&self, rank: u32) -> [(u32, f64); 4] {
+        self.edges().around(&self.place(rank))
     }
 
-    /// Cells of the first grid around a cell, with weights that sum to 1.
-    pub(super) fn around(&self, rank: u32) -> [(u32, f64); 4] {
-        let place = self.place(rank);
-        self.cells.first.around(place.x, place.y)
+    /// Nodes around points that are spread over a cell, with weights that sum to 1.
+    fn spread(&self, rank: u32) -> Vec<(u32, f32)> {
+        let mut nodes = BTreeMap::<u32, f32>::new();
+        let share = 1.0 / f64::from(AVERAGED * AVERAGED);
+        for point in self.points(rank, AVERAGED) {
+            for (node, part) in self.edges().around(&point) {
+                *nodes.entry(node).or_default() += (part * share) as f32;
+            }
+        }
+        nodes.into_iter().collect()
     }
 
     /// Displacement (m) of cells under forces (N) on some.
@@ -280,11 +308,10 @@ impl CellGrid {
         &'a self,
         forces: &[(u32, Vector3<f64>)],
     ) -> impl Fn(u32) -> Vector3<f64> + 'a {
-        let [nx, ny] = self.cells.first.count;
-        let mut around = vec![Vector3::<f32>::zeros(); (nx * ny) as usize];
+        let mut around = vec![Vector3::<f32>::zeros(); self.edges().len()];
         for (rank, force) in forces {
-            for (cell, share) in self.around(*rank) {
-                around[cell as usize] += (force * share).cast::<f32>();
+            for (node, share) in self.around(*rank) {
+                around[node as usize] += (force * share).cast::<f32>();
             }
         }
         let by_edges = self.edges().field(&around);

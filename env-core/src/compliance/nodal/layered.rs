@@ -12,6 +12,7 @@ use std::{cell::RefCell, sync::Arc};
 use nalgebra::{Point3, Vector3};
 
 use super::{
+    check_friction,
     contact_nodes::ContactNodes,
     grid::{CellGrid, CellLevels, ROOT},
     half_space::PointForce,
@@ -127,7 +128,8 @@ impl LayeredPad {
     /// Returns this model with other friction and contact at another `resolution`; both share the
     /// precomputed data.
     pub fn with(&self, friction: f64, resolution: ContactResolution) -> Result<Self> {
-        let law = ContactLaw::new(self.law.softness, friction)?;
+        check_friction(friction)?;
+        let law = ContactLaw { friction, ..self.law };
         Ok(Self { resolution, law, ..self.clone() })
     }
 
@@ -138,15 +140,12 @@ impl LayeredPad {
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<ContactSolution>> {
-        let friction = press.friction().unwrap_or(self.law.friction);
-        let law = ContactLaw { friction, ..self.law };
         let mut scratch = SCRATCH.take();
-        let answers =
-            match NodalLoadStepping::new((&self.levels, self.resolution), law, press, &mut scratch)
-            {
-                Ok(stepping) => stepping.every(press),
-                Err(error) => vec![Err(error)],
-            };
+        let levels = (&self.levels[..], self.resolution);
+        let answers = match NodalLoadStepping::new(levels, self.law, press, &mut scratch) {
+            Ok(stepping) => stepping.every(press),
+            Err(error) => vec![Err(error)],
+        };
         SCRATCH.set(scratch);
         answers
     }

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{
     super::push::{ForceControlled, push},
     between::{ContactTriangle, Standing, watched},
+    check_friction,
     contact_nodes::ContactNodes,
     grid::CellGrid,
     patch::{Move, NodalScratch, Patch},
@@ -59,13 +60,16 @@ pub(super) struct NodalLoadStepping<'a> {
 }
 
 impl<'a> NodalLoadStepping<'a> {
-    /// Begins load stepping where `press` begins.
+    /// Begins load stepping where `press` begins, with its friction or that of `law`.
     pub(super) fn new(
         (levels, resolution): (&'a [ContactNodes], ContactResolution),
         law: ContactLaw,
         press: &'a Press,
         scratch: &'a mut NodalScratch,
     ) -> Result<Self> {
+        let friction = press.friction().unwrap_or(law.friction);
+        check_friction(friction)?;
+        let law = ContactLaw { friction, ..law };
         let shapes = press.shapes();
         let nodes = &levels[0];
         let state = match press.history() {

@@ -24,6 +24,7 @@ mod load_stepping;
 mod model_face;
 mod near_field;
 mod patch;
+mod plan_columns;
 mod resolution;
 mod settle;
 mod side_compliance;
@@ -52,6 +53,27 @@ use patch::NodalScratch;
 pub use resolution::ContactResolution;
 pub use sides::Sides;
 pub use state::ContactSolution;
+
+/// Largest coefficient of friction of contact at nodes.
+///
+/// Under a shape that is inclined against the surface, a force along the shape moves a node towards
+/// or away from it. If friction is so large that the node is moved away faster than its normal force
+/// presses it, the contact of that node alone has no solution or several, and sweeps may end in any.
+/// On the surface of a half-space, compliance along it over that along its normal is (1 − ν/2)/(1 −
+/// ν), by the cell's mean of Boussinesq's and Cerruti's solutions (Johnson 1985, eqs. 3.25 and
+/// 3.75): 1.5 at most. The ratio √1.5 ± 1/√1.5 of the two directions then allows 2/(√1.5 − 1/√1.5) =
+/// 4.9.
+pub const MOST_FRICTION: f64 = 4.0;
+
+/// Returns an error unless `friction` is a coefficient of friction that contact at nodes can have.
+pub(crate) fn check_friction(friction: f64) -> Result<()> {
+    if (0.0..=MOST_FRICTION).contains(&friction) {
+        return Ok(());
+    }
+    let expected =
+        format!("a coefficient from 0 to {MOST_FRICTION}, with finite elements up to 100");
+    Err(Error::invalid("friction", friction, expected))
+}
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
 #[derive(Clone)]
@@ -101,12 +123,8 @@ impl Nodal {
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
     pub fn settled_path(&self, press: &Press) -> Vec<Result<ContactSolution>> {
         let mut scratch = NodalScratch::default();
-        match NodalLoadStepping::new(
-            (std::slice::from_ref(&*self.nodes), ContactResolution::FAST),
-            self.law_of(press),
-            press,
-            &mut scratch,
-        ) {
+        let levels = (std::slice::from_ref(&*self.nodes), ContactResolution::FAST);
+        match NodalLoadStepping::new(levels, self.law, press, &mut scratch) {
             Ok(stepping) => stepping.every(press),
             Err(error) => vec![Err(error)],
         }
@@ -141,11 +159,6 @@ impl Nodal {
             seconds: settled.seconds,
             predicted_error: None,
         })
-    }
-
-    /// Contact law with the friction of `press`.
-    fn law_of(&self, press: &Press) -> ContactLaw {
-        ContactLaw { friction: press.friction().unwrap_or(self.law.friction), ..self.law }
     }
 }
 

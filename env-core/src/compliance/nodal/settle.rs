@@ -33,7 +33,8 @@ impl Patch<'_> {
     /// Performs [`Patch::settle`] until no force changes by more than `relative` × the largest
     /// force, mixing with `mixed` earlier pairs.
     fn settle_to(&mut self, relative: f64, mixed: usize) -> Result<usize> {
-        let (mut sweeps, mut change, mut strongest) = (0, 0.0, 0.0);
+        // Change of a force in the first sweep after the distances were last measured, and force.
+        let (mut sweeps, mut first, mut strongest) = (0, 0.0, 0.0);
         let mut past = Past::new(mixed);
         for _ in 0..MOST {
             if !self.measure() {
@@ -45,8 +46,12 @@ impl Patch<'_> {
                 if !back {
                     before = self.forces();
                 }
+                let change;
                 (change, strongest) = self.sweep(back);
                 sweeps += 1;
+                if sweep == 0 {
+                    first = change;
+                }
                 if change <= relative * strongest + NONE {
                     if sweep == 0 {
                         return Ok(sweeps);
@@ -59,7 +64,7 @@ impl Patch<'_> {
             }
         }
         let tolerance = relative * strongest;
-        Err(Error::NotConverged { iterations: sweeps, residual: change, tolerance })
+        Err(Error::NotConverged { iterations: sweeps, residual: first, tolerance })
     }
 
     /// Mixes the last pair of sweeps, which began with the forces `before`, with those of the

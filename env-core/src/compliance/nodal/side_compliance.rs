@@ -1,37 +1,29 @@
 //! Influence of the sides of a pad on displacement between its contact cells.
 //!
 //! The change by the sides, the rim and the curved face against an elastic layer ([`Sides`]) is
-//! smooth, and is taken between tractions that fall off linearly around the cells of the first
-//! grid.
+//! smooth but for short distances from the sides. It is taken between tractions that fall off
+//! linearly around nodes of the elements' face, which are denser towards the sides.
 //!
-//! Shapes: C cells of the first grid.
+//! Shapes: C nodes, counted row after row along y.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
-use super::{kernel::Columns, sides::Sides};
-use crate::{geometry::PadOutline, simd::vectorised};
+use super::{kernel::Columns, plan_columns::PlanColumns, sides::Sides};
+use crate::simd::vectorised;
 
-/// Cells of the first grid, counted row after row along y.
-#[derive(Clone, Copy)]
-pub(super) struct FirstGrid {
-    pub(super) outline: PadOutline,
-    /// Cells along x and y, and their sides (m).
-    pub(super) count: [u32; 2],
-    pub(super) sides: [f64; 2],
-}
-
-/// Compliance of a pad less that of a layer, between tractions around the cells of the first grid.
+/// Compliance of a pad less that of a layer, between tractions around some nodes of its face.
 pub(super) struct SideCompliance {
-    /// Displacement around all cells under unit forces around each along each axis (3C, 3C) in m/N.
+    columns: PlanColumns,
+    /// Displacement around all nodes under unit forces around each along each axis (3C, 3C) in m/N.
     entries: Vec<f32>,
-    /// Cells along x and y.
+    /// Nodes along x and y.
     count: [u32; 2],
 }
 
-/// Cells of the first grid in a rectangle, counted row after row along y: first cell along x and y,
-/// and numbers of them.
+/// Nodes in a rectangle, counted row after row along y: first node along x and y, and numbers of
+/// them.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Around {
     first: [u32; 2],
@@ -39,11 +31,11 @@ pub(super) struct Around {
 }
 
 impl Around {
-    /// The smallest that contains some cells, given by their places along x and y.
-    pub(super) fn of(cells: impl Iterator<Item = [u32; 2]>) -> Self {
+    /// The smallest that contains some nodes, given by their places along x and y.
+    pub(super) fn of(nodes: impl Iterator<Item = [u32; 2]>) -> Self {
         let none = ([u32::MAX; 2], [0; 2]);
-        let (first, end) = cells.fold(none, |(first, end), cell| {
-            let wider = |axis: usize| (first[axis].min(cell[axis]), end[axis].max(cell[axis] + 1));
+        let (first, end) = nodes.fold(none, |(first, end), node| {
+            let wider = |axis: usize| (first[axis].min(node[axis]), end[axis].max(node[axis] + 1));
             let [x, y] = [wider(0), wider(1)];
             ([x.0, y.0], [x.1, y.1])
         });
@@ -51,70 +43,23 @@ impl Around {
         Self { first, count }
     }
 
-    /// Number of cells.
+    /// Number of nodes.
     pub(super) fn len(&self) -> usize {
         (self.count[0] * self.count[1]) as usize
     }
 
-    /// Number of the cell at a place along x and y.
-    pub(super) fn number(&self, cell: [u32; 2]) -> u32 {
-        (cell[0] - self.first[0]) * self.count[1] + cell[1] - self.first[1]
-    }
-}
-
-impl FirstGrid {
-    /// Divides the face of a pad into `count` cells along x and y.
-    pub(super) fn new(outline: &PadOutline, count: [u32; 2]) -> Self {
-        let sides = [outline.width / f64::from(count[0]), outline.length / f64::from(count[1])];
-        Self { outline: *outline, count, sides }
-    }
-
-    /// Cells between whose centres a point of the plan lies, with weights that sum to 1; the
-    /// outermost hold to the edge.
-    pub(super) fn around(&self, x: f64, y: f64) -> [(u32, f64); 4] {
-        let along = |axis: usize, p: f64, extent: f64| {
-            let most = f64::from(self.count[axis] - 1);
-            let place = ((p + 0.5 * extent) / self.sides[axis] - 0.5).clamp(0.0, most);
-            let low = place.floor().min(most - 1.0);
-            (low as u32, place - low)
-        };
-        let (i, by_x) = along(0, x, self.outline.width);
-        let (j, by_y) = along(1, y, self.outline.length);
-        let cell = |a: u32, b: u32| (i + a) * self.count[1] + j + b;
-        [
-            (cell(0, 0), (1.0 - by_x) * (1.0 - by_y)),
-            (cell(0, 1), (1.0 - by_x) * by_y),
-            (cell(1, 0), by_x * (1.0 - by_y)),
-            (cell(1, 1), by_x * by_y),
-        ]
-    }
-
-    /// Nodes of the face of `sides` that bear tractions around each cell (C), with shares of the
-    /// force.
-    fn loads(&self, sides: &Sides) -> Vec<Vec<(u32, f64)>> {
-        let mut loads = vec![Vec::new(); (self.count[0] * self.count[1]) as usize];
-        for (&node, area) in sides.mesh.face.iter().zip(sides.areas()) {
-            let place = &sides.mesh.mesh.vertices[node as usize];
-            for (cell, share) in self.around(place.x, place.y) {
-                if share > 1e-9 {
-                    loads[cell as usize].push((node, share * area));
-                }
-            }
-        }
-        for loads in &mut loads {
-            let sum: f64 = loads.iter().map(|(_, share)| share).sum();
-            for (_, share) in loads {
-                *share /= sum;
-            }
-        }
-        loads
+    /// Number of the node at a place along x and y.
+    pub(super) fn number(&self, node: [u32; 2]) -> u32 {
+        (node[0] - self.first[0]) * self.count[1] + node[1] - self.first[1]
     }
 }
 
 impl SideCompliance {
-    /// Takes the influence of the `sides` between the cells of the `first` grid.
-    pub(super) fn new(first: &FirstGrid, sides: &Sides) -> Self {
-        let loads = first.loads(sides);
+    /// Takes the influence of the `sides` between some nodes of their face.
+    pub(super) fn new(sides: &Sides) -> Self {
+        let columns = PlanColumns::of(&sides.mesh).thinned(sides.mesh.thickness());
+        let count = columns.count().map(|count| count as u32);
+        let loads = loads(sides, &columns);
         let row = |from: &[(u32, f64)], axis: usize| -> Vec<f32> {
             let force = |&(node, share): &(u32, f64)| (node, Vector3::ith(axis, share));
             let moved = sides.displacement(&from.iter().map(force).collect::<Vec<_>>());
@@ -125,15 +70,31 @@ impl SideCompliance {
             loads.iter().flat_map(seen).collect()
         };
         let rows = loads.iter().flat_map(|from| [0, 1, 2].map(|axis| row(from, axis)));
-        Self { entries: rows.flatten().collect(), count: first.count }
+        Self { entries: rows.flatten().collect(), columns, count }
+    }
+
+    /// Number of nodes C.
+    pub(super) fn len(&self) -> usize {
+        (self.count[0] * self.count[1]) as usize
+    }
+
+    /// Place of a node along x and y.
+    pub(super) fn place(&self, node: u32) -> [u32; 2] {
+        [node / self.count[1], node % self.count[1]]
+    }
+
+    /// Nodes around a point of the face, with weights that sum to 1.
+    pub(super) fn around(&self, point: &Point3<f64>) -> [(u32, f64); 4] {
+        let parts = self.columns.around([point.x, point.y]);
+        parts.map(|([i, j], share)| (i as u32 * self.count[1] + j as u32, share))
     }
 
     /// Numbers in a row.
     fn size(&self) -> usize {
-        3 * (self.count[0] * self.count[1]) as usize
+        3 * self.len()
     }
 
-    /// Displacement around all cells (3C) in m under forces around each (C) in N.
+    /// Displacement around all nodes (3C) in m under forces around each (C) in N.
     pub(super) fn field(&self, forces: &[Vector3<f32>]) -> Vec<f32> {
         let mut sum = vec![0.0; self.size()];
         let forces = forces.iter().flat_map(|force| <[f32; 3]>::from(*force));
@@ -150,8 +111,8 @@ impl SideCompliance {
         sum
     }
 
-    /// Adds to `rows` the displacement of the T cells that are `around` under unit forces along
-    /// each axis (3, 3T), shared among the cells `loaded`.
+    /// Adds to `rows` the displacement of the T nodes that are `around` under unit forces along
+    /// each axis (3, 3T), shared among the nodes `loaded`.
     pub(super) fn add_rows(&self, loaded: [(u32, f32); 4], around: &Around, rows: &mut [f32]) {
         let Around { first, count } = *around;
         let (size, width) = (self.size(), 3 * count[1] as usize);
@@ -174,7 +135,7 @@ impl SideCompliance {
         );
     }
 
-    /// Displacement around cell `at` under unit forces around cell `loaded` (m/N).
+    /// Displacement around node `at` under unit forces around node `loaded` (m/N).
     #[inline(always)]
     pub(super) fn block(&self, loaded: u32, at: u32) -> Columns {
         let ([loaded, at], size) = ([loaded as usize, at as usize], self.size());
@@ -184,12 +145,35 @@ impl SideCompliance {
     }
 }
 
+/// Nodes of the face of `sides` that bear tractions around each node (C) where their `columns`
+/// cross, with shares of the force.
+fn loads(sides: &Sides, columns: &PlanColumns) -> Vec<Vec<(u32, f64)>> {
+    let [across, along] = columns.count();
+    let mut loads = vec![Vec::new(); across * along];
+    for (&node, area) in sides.mesh.face.iter().zip(sides.areas()) {
+        let place = &sides.mesh.mesh.vertices[node as usize];
+        for ([i, j], share) in columns.around([place.x, place.y]) {
+            if share > 1e-9 {
+                loads[i * along + j].push((node, share * area));
+            }
+        }
+    }
+    for loads in &mut loads {
+        let sum: f64 = loads.iter().map(|(_, share)| share).sum();
+        for (_, share) in loads {
+            *share /= sum;
+        }
+    }
+    loads
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{
         compliance::nodal::grid::{CellGrid, CellLevels},
         deformation::Moduli,
+        geometry::PadOutline,
     };
 
     #[test]
@@ -199,9 +183,11 @@ mod tests {
         let sides = Sides::new(&outline, moduli, 300).unwrap();
         let grid = CellGrid::new(&CellLevels::new(&outline, [16; 2], 2, moduli, &sides), 0);
         // Change of the displacement of a cell along z under a force on it, over that by the layer.
+        let responses = grid.responses();
         let change = |[i, j]: [u32; 2]| {
             let rank = 16 * i + j;
-            grid.edges().block(rank, rank)[10] / grid.layer().at([0, 0])[10]
+            responses.at(rank, 2, 3 * rank as usize + 2) / f64::from(grid.layer().at([0, 0])[10])
+                - 1.0
         };
         let (middle, corner) = (change([8, 8]), change([0, 0]));
         assert!(

@@ -7,7 +7,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::sides::Sides;
+use super::{plan_columns::PlanColumns, sides::Sides};
 use crate::{
     Result,
     geometry::{PadMesh, Transfer},
@@ -15,8 +15,8 @@ use crate::{
 
 /// Displacement of the output mesh's free nodes under unit forces on the face, by the sides.
 pub(super) struct SideField {
-    /// Places of the columns of nodes across and along, ascending (m).
-    columns: [Vec<f64>; 2],
+    /// Columns of the elements' face.
+    columns: PlanColumns,
     /// By loaded node (F, N), in m/N.
     rows: Vec<Matrix3<f32>>,
     free: usize,
@@ -28,12 +28,6 @@ impl SideField {
     pub(super) fn new(sides: &Sides, model: &PadMesh) -> Result<Self> {
         let (fine, free) = (&sides.mesh, model.face.len() * model.cells[2] as usize);
         let transfer = Transfer::new(&fine.mesh, &model.mesh)?;
-        let across = fine.cells[0] as usize + 1;
-        let place = |node: &u32| fine.mesh.vertices[*node as usize];
-        let columns = [
-            fine.face.iter().take(across).map(|node| place(node).x).collect(),
-            fine.face.iter().step_by(across).map(|node| place(node).y).collect(),
-        ];
         let row = |&node: &u32| {
             let under = |axis| {
                 let moved = sides.displacement(&[(node, Vector3::ith(axis, 1.0))]);
@@ -43,6 +37,7 @@ impl SideField {
             let block = move |i: usize| Matrix3::from_columns(&[x[i], y[i], z[i]]).cast::<f32>();
             (0..free).map(block)
         };
+        let columns = PlanColumns::of(fine);
         Ok(Self { columns, rows: fine.face.iter().flat_map(row).collect(), free })
     }
 
@@ -53,21 +48,8 @@ impl SideField {
 
     /// Nodes of the elements' face around a point of the plan, with weights that sum to 1.
     pub(super) fn around(&self, point: &Point3<f64>) -> [(usize, f64); 4] {
-        let [x, y] = [0, 1].map(|axis| {
-            let columns = &self.columns[axis];
-            let after = columns.partition_point(|column| *column <= point[axis]);
-            let first = after.clamp(1, columns.len() - 1) - 1;
-            let share = (point[axis] - columns[first]) / (columns[first + 1] - columns[first]);
-            (first, share.clamp(0.0, 1.0))
-        });
-        let across = self.columns[0].len();
-        [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| {
-            let by = |(_, share): (usize, f64), step: usize| match step {
-                0 => 1.0 - share,
-                _ => share,
-            };
-            ((y.0 + j) * across + x.0 + i, by(x, i) * by(y, j))
-        })
+        let [across, _] = self.columns.count();
+        self.columns.around([point.x, point.y]).map(|([i, j], share)| (j * across + i, share))
     }
 }
 

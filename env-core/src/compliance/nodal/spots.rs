@@ -2,11 +2,12 @@
 //! some.
 //!
 //! Displacement is kept as two parts: that of the layer by strips of cells, for which the kernel is
-//! read as it lies in memory, and that of the sides around the cells of the first grid. In sweeps
+//! read as it lies in memory, and that of the sides around nodes of the face. In sweeps
 //! only the strips with touching cells are active; the others are brought up to date between them.
 //!
-//! Shapes: N cells, B strips, T cells of the first grid around them. A displacement consists of
-//! those of all cells of the strips and of the first grid's ([`STRIP`] B + T, 3) in m.
+//! Shapes: N cells, B strips, T nodes around them, between which the influence of the sides is
+//! interpolated. A displacement consists of those of all cells of the strips and of the nodes
+//! ([`STRIP`] B + T, 3) in m.
 
 #![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
 
@@ -37,13 +38,13 @@ pub(super) struct Spots {
     passive: Vec<u32>,
     /// Force on each cell that is included in the displacement of the passive strips (N).
     told: Vec<Vector3<f64>>,
-    /// Cells of the first grid around each cell, with weights: by rank, and by number among those
-    /// of the rectangle that contains all (N).
+    /// Nodes around each cell, with weights: by number, and by number among those of the rectangle
+    /// that contains all (N).
     around: Vec<[(u32, f32); 4]>,
     numbers: Vec<[u32; 4]>,
     coarse: Around,
-    /// Displacement around the first grid's cells under unit forces on some cells (3, 3T each) in
-    /// m/N, by the sides.
+    /// Displacement around the nodes under unit forces on some cells (3, 3T each) in m/N, by the
+    /// sides.
     rows: Vec<f32>,
     /// Place in `rows` of each cell's, if they have been computed (N).
     known: Vec<Option<usize>>,
@@ -75,9 +76,9 @@ impl Spots {
             }
             let last = self.strips.len() - 1;
             self.places.push((STRIP * last) as u32 + (cell[1] - self.strips[last][1]) as u32);
-            self.around.push(grid.around(rank).map(|(cell, share)| (cell, share as f32)));
+            self.around.push(grid.around(rank).map(|(node, share)| (node, share as f32)));
         }
-        let place = |(cell, _): (u32, f32)| grid.first_cell(cell);
+        let place = |(node, _): (u32, f32)| grid.edges().place(node);
         self.coarse = Around::of(self.around.iter().flatten().map(|&part| place(part)));
         let number = |part| self.coarse.number(place(part));
         self.numbers.extend(self.around.iter().map(|around| around.map(number)));
@@ -130,8 +131,8 @@ impl Spots {
         Vector3::from(sum).cast()
     }
 
-    /// Adds to the displacement of the active strips, and around the first grid's cells, the
-    /// response to a `force` (N) on cell `loaded`.
+    /// Adds to the displacement of the active strips, and around the nodes, the response to a
+    /// `force` (N) on cell `loaded`.
     pub(super) fn give_way(
         &mut self,
         grid: &CellGrid,
@@ -193,7 +194,7 @@ impl Spots {
         self.tilts[cell].tr_mul(force).into()
     }
 
-    /// Cells of the first grid around a cell: number, rank and weight.
+    /// Nodes around a cell: number in the rectangle, number and weight.
     fn parts(&self, cell: usize) -> impl Iterator<Item = (u32, (u32, f32))> {
         self.numbers[cell].into_iter().zip(self.around[cell])
     }
@@ -304,11 +305,28 @@ mod tests {
                 sum
             };
             if level == 0 {
+                // The sides' influence is averaged over both cells.
+                let spread = |rank: u32| {
+                    let points: Vec<_> = grid.points(rank, 3).collect();
+                    points.into_iter().flat_map(|point| grid.edges().around(&point))
+                };
+                let averaged = |loaded: u32, at: u32| -> Matrix3<f64> {
+                    let (from, to) = (grid.cell(loaded), grid.cell(at));
+                    let layer = matrix(&grid.layer().at([to[0] - from[0], to[1] - from[1]]));
+                    let mut sum = layer.cast::<f64>();
+                    for (from, by) in spread(loaded) {
+                        for (to, share) in spread(at) {
+                            let block = matrix(&grid.edges().block(from, to));
+                            sum += block.cast::<f64>() * (by * share / 81.0);
+                        }
+                    }
+                    sum
+                };
                 let dense = grid.responses();
                 for (&from, &to) in ranks.iter().zip(ranks.iter().rev()) {
                     let at = |i, axis| dense.at(from, axis, 3 * to as usize + i);
-                    let (found, right) = (Matrix3::from_fn(at), response(from, to));
-                    let most = response(from, from).norm();
+                    let (found, right) = (Matrix3::from_fn(at), averaged(from, to));
+                    let most = averaged(from, from).norm();
                     assert!((found - right).norm() < 1e-4 * most, "{found} instead of {right}");
                 }
             }
