@@ -188,7 +188,7 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
             ["sensor_errors.wrench.gain: found [1,2,3] for force, expected one number or a"],
         ),
         ({"gripper": {"max_force": "x"}}, ['max_force: found string "x", expected a number']),
-        ({"friction": (0.5, 5)}, ['friction: found [0.5, 5.0], expected up to 4 with tactile']),
+        ({"friction": (0.5, 5)}, ["friction: found [0.5, 5.0], expected up to 4 with tactile"]),
     ],
 )
 def test_a_message_names_the_setting_what_was_found_and_what_was_expected(settings, parts):

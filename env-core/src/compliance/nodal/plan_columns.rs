@@ -79,14 +79,15 @@ mod tests {
         let outline = Sensor::named("gelsight-mini").unwrap().outline;
         let all = PlanColumns::of(&PadMesh::towards_sides(&outline, 1000).unwrap().halved());
         let few = all.thinned(outline.thickness);
+        let nodes = |columns: &PlanColumns| columns.count().iter().product::<usize>();
+        assert!(nodes(&few) < nodes(&all), "{:?} of {:?}", few.count(), all.count());
         for (axis, extent) in [(0, outline.width), (1, outline.length)] {
             let columns = &few.0[axis];
             let gaps: Vec<_> = columns.windows(2).map(|pair| pair[1] - pair[0]).collect();
             let middle = gaps[gaps.len() / 2];
-            assert!(columns.len() < 26 && columns.len() < all.0[axis].len(), "{columns:?}");
             assert!((columns[columns.len() - 1] - columns[0] - extent).abs() < 1e-12);
             for gap in [gaps[0], gaps[gaps.len() - 1]] {
-                assert!(gap < 5e-4 && gap < 0.5 * middle, "{gap} m of {gaps:?}");
+                assert!(gap < 6e-4 && gap < 0.5 * middle, "{gap} m of {gaps:?}");
             }
             assert!(gaps.iter().all(|gap| *gap < 2.6e-3), "{gaps:?}");
         }
