@@ -3,6 +3,7 @@
 mod approach;
 mod batch;
 mod bodies;
+mod cells;
 mod closed_forms;
 mod compliance;
 mod correction;
