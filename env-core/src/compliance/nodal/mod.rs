@@ -59,10 +59,9 @@ pub use state::ContactSolution;
 /// Under a shape that is inclined against the surface, a force along the shape moves a node towards
 /// or away from it. If friction is so large that the node is moved away faster than its normal force
 /// presses it, the contact of that node alone has no solution or several, and sweeps may end in any.
-/// On the surface of a half-space, compliance along it over that along its normal is (1 − ν/2)/(1 −
-/// ν), by the cell's mean of Boussinesq's and Cerruti's solutions (Johnson 1985, eqs. 3.25 and
-/// 3.75): 1.5 at most. The ratio √1.5 ± 1/√1.5 of the two directions then allows 2/(√1.5 − 1/√1.5) =
-/// 4.9.
+/// On a half-space, the compliance of a point along the surface is r = (1 − ν/2)/(1 − ν) times that
+/// along its normal (Johnson 1985, eqs. 3.18 and 3.75): 1.5 at most. At the worst inclination, which
+/// has the cosine √(r/(1 + r)), friction may then be 2√r/(r − 1), 4.9.
 pub const MOST_FRICTION: f64 = 4.0;
 
 /// Returns an error unless `friction` is a coefficient of friction that contact at nodes can have.
