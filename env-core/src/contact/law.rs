@@ -32,12 +32,12 @@ pub struct Traction {
 /// Part of the friction limit from which a point counts as sliding.
 const USED_UP: f64 = 0.98;
 
-/// Returns an error unless `friction` is a coefficient of friction.
-pub(crate) fn check_friction(friction: f64) -> Result<()> {
-    if (0.0..=MOST_FRICTION).contains(&friction) {
+/// Returns an error unless `friction` is a coefficient of friction, of `most` at most.
+pub(crate) fn check_friction(friction: f64, most: f64) -> Result<()> {
+    if (0.0..=most).contains(&friction) {
         return Ok(());
     }
-    let expected = format!("a coefficient from 0 to {MOST_FRICTION}");
+    let expected = format!("a coefficient from 0 to {most}");
     Err(Error::invalid("friction", friction, expected))
 }
 
@@ -47,7 +47,7 @@ impl ContactLaw {
         if !(softness.is_finite() && softness > 0.0) {
             return Err(Error::invalid("softness", softness, "a finite depth above 0 m"));
         }
-        check_friction(friction)?;
+        check_friction(friction, MOST_FRICTION)?;
         Ok(Self { softness, friction })
     }
 

@@ -18,7 +18,7 @@ pub use approach::{advance_to_contact, backed_off, between, clearance, gap, near
 pub use backing::Backing;
 pub use engulfing::{check_first, engulfs_unfelt, holds, is_engulfed, is_within};
 pub use groups::PointGroup;
-
+pub(crate) use law::check_friction;
 pub use law::{ContactLaw, Traction};
 pub use leap::went_through;
 pub use near::DistanceCache;

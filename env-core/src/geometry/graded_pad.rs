@@ -38,7 +38,7 @@ const GROWTH_APART: f64 = 1.01;
 
 impl PadOutline {
     /// Returns the finest mesh of at most `nodes` nodes whose spacing grows with the distance from
-    /// the nearest of `points` (m, in the pad frame).
+    /// the nearest of `points` (m, in the pad frame). Points far from the pad are an error.
     ///
     /// The spacing at the points is a thousandth of the thickness or more. Where it cannot fall
     /// further, it grows the less with the distance the more nodes there may be, so that meshes of

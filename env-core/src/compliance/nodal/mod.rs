@@ -40,7 +40,7 @@ use nalgebra::Vector3;
 use super::Compliance;
 use crate::{
     Error, Result,
-    contact::ContactLaw,
+    contact::{self, ContactLaw},
     deformation::{Deformation, DeformationModel, Press, SoftBody, solve_in_parallel},
     geometry::PadMesh,
 };
@@ -66,12 +66,8 @@ pub const MOST_FRICTION: f64 = 4.0;
 
 /// Returns an error unless `friction` is a coefficient of friction that contact at nodes can have.
 pub(crate) fn check_friction(friction: f64) -> Result<()> {
-    if (0.0..=MOST_FRICTION).contains(&friction) {
-        return Ok(());
-    }
-    let expected =
-        format!("a coefficient from 0 to {MOST_FRICTION}, with finite elements up to 100");
-    Err(Error::invalid("friction", friction, expected))
+    let checked = contact::check_friction(friction, MOST_FRICTION);
+    checked.map_err(|error| error.hinting("finite elements take more"))
 }
 
 /// Compliance model of one soft body with contact at its nodes. Copies share the precomputed data.
