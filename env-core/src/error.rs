@@ -103,6 +103,16 @@ pub enum Error {
         /// Largest depth accepted (m).
         most: f64,
     },
+    /// A press mostly on the walls of a pad, by a model with contact on its face alone.
+    #[error(
+        "{:.0} % of the contact is on the upright sides of the pad, expected less than half: this \
+         model feels its face alone, finite elements (Fem) its sides, too",
+        100.0 * share
+    )]
+    OnWalls {
+        /// Part of the contact that is on the walls.
+        share: f64,
+    },
     /// A network that could not be built, read or run.
     #[error("network: {reason}")]
     Network {
@@ -255,6 +265,7 @@ kinds! {
     StepTooLong: "step-too-long",
     Inverted: "inverted",
     Penetrated: "penetrated",
+    OnWalls: "on-walls",
     Network: "network",
     Unreachable: "unreachable",
     NoTrial: "no-trial",

@@ -52,6 +52,7 @@ NAMED = (
     "step-too-long",
     "penetrated",
     "inverted",
+    "on-walls",
     "unreachable",
     "invalid",
     "network",

@@ -21,8 +21,9 @@ pyo3::create_exception!(
      `kind` names the reason, one of those in its annotation; mostly it is \"not-converged\" (no\n\
      equilibrium, however small the load step), \"step-too-long\" (a shape passes through the\n\
      surface, however small the load step), \"penetrated\" (a shape was led deep into the body,\n\
-     past nodes that are held), \"inverted\" (a linear solution turned part of the body inside out),\n\
-     \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history\n\
+     past nodes that are held), \"on-walls\" (contact is mostly on the upright sides of a pad, where\n\
+     LinearPad and Surrogate feel nothing), \"inverted\" (a linear solution turned part of the body\n\
+     inside out), \"unreachable\" (the shapes never press with the force asked for) or \"invalid\" (a history\n\
      of another body). The text has the figures.\n\n\
      Of the attributes of an answer it has none: asked for one, it raises a PressError with the\n\
      reason."

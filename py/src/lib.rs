@@ -25,11 +25,11 @@ use pyo3::{
 };
 use ruffini_core::{
     Error,
-    env::{Autoreset, Row, Setup, StartQuantity, StepResult},
+    env::{Autoreset, Row, Setup, StepResult},
     geometry::read_solid,
-    render::{PinholeCamera, Viewpoint},
+    render::{PinholeCamera, STRESS_COLORS, Viewpoint},
     scene::{CATALOGUE, Gripper, ObjectModel},
-    task::{Ending, TaskConfig},
+    task::{Ending, StartQuantity, TaskConfig},
 };
 
 use error::{PressError, SimulationError, python_error};
@@ -411,7 +411,9 @@ mod _core {
     #[pymodule_export]
     use crate::training::{evaluate_surrogate, train_surrogate};
 
-    use super::{Bound, CATALOGUE, PyArray1, PyModule, PyModuleMethods, PyResult, Viewpoint};
+    use super::{
+        Bound, CATALOGUE, PyArray1, PyModule, PyModuleMethods, PyResult, STRESS_COLORS, Viewpoint,
+    };
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -419,6 +421,7 @@ mod _core {
         PyArray1::<f64>::zeros(module.py(), 0, false);
         module.add("OBJECTS", CATALOGUE.to_vec())?;
         module.add("CAMERAS", Viewpoint::NAMED.map(|(name, _)| name).to_vec())?;
+        module.add("STRESS_COLORS", STRESS_COLORS.map(<(u8, u8, u8)>::from).to_vec())?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

@@ -18,10 +18,13 @@ pub(crate) fn sensor_template() -> String {
     ruffini_core::sensor::template()
 }
 
-/// Contents of a sensor's file, as JSON; numbers that are not finite are null.
+/// Contents of a sensor's file, as JSON; numbers that are not finite are null. Given the `text` of
+/// the file, it is not opened.
 #[pyfunction]
-pub(crate) fn read_sensor(name: &str) -> PyResult<String> {
-    Ok(json!(Sensor::open(name).map_err(python_error)?).to_string())
+#[pyo3(signature = (name, text = None))]
+pub(crate) fn read_sensor(name: &str, text: Option<&str>) -> PyResult<String> {
+    let sensor = text.map_or_else(|| Sensor::open(name), |text| Sensor::parse(name, text));
+    Ok(json!(sensor.map_err(python_error)?).to_string())
 }
 
 /// Coefficients of the elastic foundation that fit the gel of a sensor with a calibration best, and

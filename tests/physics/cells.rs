@@ -3,11 +3,11 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use ruffini_core::{
     compliance::nodal::{self, ContactResolution},
-    deformation::{DeformationModel, Law, Press, SoftBody},
+    deformation::{DeformationModel, Law, PredictedError, Press, SoftBody, Wanted},
     fem::{Element, Fem, FemOptions},
     geometry::{PadOutline, Shape},
     sensor::Sensor,
-    surrogate::LinearPad,
+    surrogate::{LinearPad, Surrogate},
 };
 
 use crate::{
@@ -69,4 +69,43 @@ fn beside_a_side_nodes_move_no_farther_than_the_ball_that_presses_them() {
         assert!(off < 0.06, "{:?}, {:?} by elements", found.wrench.force, right.wrench.force);
         assert!(most < 1.1 * deepest * MM, "{most} m at {x} mm");
     }
+}
+
+/// Contact is felt on the face alone: a press on a wall of the pad must not be answered with nearly
+/// no force.
+#[test]
+fn presses_on_the_walls_are_refused_and_those_on_their_edge_predict_large_errors() {
+    let sensor = Sensor::named("gelsight-mini").unwrap();
+    let linear = LinearPad::new(&sensor, GEL, 0.5, 1000, ContactResolution::FAST).unwrap();
+    let network = Surrogate::new(&sensor, GEL, 0.5).unwrap();
+    let models: [&dyn DeformationModel; 2] = [&linear, &network];
+    let (radius, half) = (2.0 * MM, 0.5 * sensor.outline.width);
+    let press = |from: [f64; 2], to: [f64; 2]| {
+        let pose = |t: f64| {
+            let [x, z] = [0, 1].map(|i| from[i] + t * (to[i] - from[i]));
+            vec![Isometry3::translation(x, 0.0, z)]
+        };
+        let path = (0..=6).map(|k| pose(f64::from(k) / 6.0)).collect();
+        Press::along(vec![Shape::Sphere { radius }], path).unwrap()
+    };
+    let beside = half + radius;
+    let on_wall = press([beside + MM, -1.5 * MM], [beside - 0.4 * MM, -1.5 * MM]);
+    for model in models {
+        let answers = [model.solve(std::slice::from_ref(&on_wall)), model.solve_path(&on_wall)];
+        for mut answers in answers {
+            let error = answers.pop().unwrap().unwrap_err();
+            assert!(error.kind() == "on-walls" && error.to_string().contains("Fem"), "{error}");
+        }
+        // An environment goes on.
+        let answer = model.solve_partially(std::slice::from_ref(&on_wall), Wanted::default());
+        assert!(answer[0].is_ok());
+    }
+    let felt = network.solve_partially(&[on_wall], Wanted::default()).remove(0).unwrap();
+    assert!(felt.predicted_error.unwrap().force > 0.9, "{:?}", felt.predicted_error);
+    // Over the edge of the wall a part is felt.
+    let (x, top) = (half + 0.8 * MM, sensor.outline.height(half, 0.0));
+    let on_edge = network.solve(&[press([x, top + 2.5 * MM], [x, top + 1.4 * MM])]);
+    let predicted = on_edge[0].as_ref().unwrap().predicted_error.unwrap();
+    let PredictedError { displacement, stress, force } = predicted;
+    assert!(displacement > 0.2 && stress > 0.05 && force > 0.05, "{predicted:?}");
 }

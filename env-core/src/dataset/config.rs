@@ -1,6 +1,6 @@
 //! Configuration of a dataset.
 
-use std::path::Path;
+use std::{ffi::OsStr, fs, path::Path};
 
 use serde::{Deserialize, Serialize};
 
@@ -107,8 +107,14 @@ pub const SOFT: [&str; 6] =
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GelConfig {
-    /// Name of the sensor whose pads are used, or whose pad outline the fingers have.
+    /// Name of the sensor whose pads are used, or whose pad outline the fingers have, or the path
+    /// of its .toml file. In a TOML file, the path is relative to the folder of that file; in a
+    /// finished dataset, it is the file's name.
     pub sensor: String,
+    /// Content of the sensor's file, if it is one; if missing, it is filled in by
+    /// [`DatasetConfig::validated`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub definition: Option<String>,
     /// Young's modulus at small strain (Pa).
     pub young: f64,
     /// Poisson's ratio.
@@ -127,6 +133,7 @@ impl Default for DatasetConfig {
     fn default() -> Self {
         let gel = |sensor: &str, young, poisson, friction, share| GelConfig {
             sensor: sensor.to_owned(),
+            definition: None,
             young,
             poisson,
             friction,
@@ -217,21 +224,26 @@ impl Scenario {
 impl DatasetConfig {
     /// Reads the configuration from a TOML file; missing settings take their defaults.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
+        let text = fs::read_to_string(path).map_err(|error| Error::file(path, error))?;
         let config: Self = toml::from_str(&text).map_err(|error| Error::file(path, error))?;
-        config.with_meshes_in(path.parent().unwrap_or(Path::new(""))).validated()
+        config.with_files_in(path.parent().unwrap_or(Path::new(""))).validated()
     }
 
-    /// Returns this configuration with the paths of its meshes relative to `folder`.
-    pub(super) fn with_meshes_in(mut self, folder: &Path) -> Self {
+    /// Returns this configuration with the paths of its meshes and sensors relative to `folder`.
+    pub(super) fn with_files_in(mut self, folder: &Path) -> Self {
         self.meshes.iter_mut().for_each(|mesh| *mesh = mesh.within(folder));
+        for gel in self.gels.iter_mut().filter(|gel| Sensor::is_file(&gel.sensor)) {
+            gel.sensor = folder.join(&gel.sensor).display().to_string();
+        }
         self
     }
 
-    /// Returns this configuration as it is stored in a dataset, which has copies of the meshes.
+    /// Returns this configuration as it is stored in a dataset, which has copies of the meshes and
+    /// the contents of sensors' files.
     pub(super) fn stored(&self) -> Self {
         let meshes = self.meshes.iter().map(MeshObject::stored).collect();
-        Self { meshes, ..self.clone() }
+        let gels = self.gels.iter().map(GelConfig::stored).collect();
+        Self { meshes, gels, ..self.clone() }
     }
 
     /// Objects of the dataset, in order.
@@ -348,6 +360,7 @@ impl DatasetConfig {
         if !(shares > 0.0 && self.gels.iter().all(|gel| gel.share >= 0.0)) {
             return Err(Error::invalid("gels", shares, "shares from 0 with a sum above 0"));
         }
+        self.gels = self.gels.into_iter().map(GelConfig::defined).collect::<Result<_>>()?;
         self.know_names()?;
         self.meshes = mesh_object::identified(self.meshes)?;
         self.own_objects()?;
@@ -380,9 +393,35 @@ pub(super) struct PadModels {
 }
 
 impl GelConfig {
+    /// Returns this gel with the content of its sensor's file; an error if there is no such sensor.
+    fn defined(mut self) -> Result<Self> {
+        if self.definition.is_none() && Sensor::is_file(&self.sensor) {
+            let text = fs::read_to_string(&self.sensor);
+            self.definition = Some(text.map_err(|error| Error::file(&self.sensor, error))?);
+        }
+        self.sensor().map(|_| self)
+    }
+
+    /// Returns this gel with the name of its sensor's file as its path.
+    fn stored(&self) -> Self {
+        let name = match self.definition {
+            Some(_) => Path::new(&self.sensor).file_name().and_then(OsStr::to_str),
+            None => None,
+        };
+        Self { sensor: name.unwrap_or(&self.sensor).to_owned(), ..self.clone() }
+    }
+
+    /// The sensor.
+    pub(crate) fn sensor(&self) -> Result<Sensor> {
+        match &self.definition {
+            Some(text) => Sensor::parse(&self.sensor, text),
+            None => Sensor::named(&self.sensor),
+        }
+    }
+
     /// Builds the pads with the meshes of `config`.
     pub(super) fn pads(&self, config: &DatasetConfig) -> Result<PadModels> {
-        let sensor = Sensor::named(&self.sensor)?;
+        let sensor = self.sensor()?;
         let PadMesh { mesh, base, .. } = sensor.pad(config.truth_nodes)?;
         let truth = self.body((mesh, Law::default()), &base, config, FemOptions::default())?;
         Ok(PadModels { truth, model: sensor.pad(config.model_nodes)?, sensor })

@@ -233,4 +233,30 @@ mod tests {
             assert!(said.contains(expected), "{file}: {said}");
         }
     }
+
+    #[test]
+    fn a_sensor_from_a_file_is_a_part_of_the_configuration() {
+        let folder = Folder::new("own-sensor");
+        let text = include_str!("../../assets/sensors/gelsight-mini.toml");
+        let thicker = text.replace("thickness = 0.004", "thickness = 0.0042");
+        assert_ne!(thicker, text);
+        std::fs::write(folder.0.join("own.toml"), &thicker).unwrap();
+        let gel = |sensor: &str| {
+            let material = "young = 2e5, poisson = 0.46, friction = 0.5, share = 1.0";
+            format!("gels = [{{ sensor = \"{sensor}\", {material} }}]\n")
+        };
+        let config = folder.read(&gel("own.toml")).unwrap();
+        let thickness = |config: &DatasetConfig| config.gels[0].sensor().unwrap().outline.thickness;
+        assert_eq!(thickness(&config), 0.0042);
+        // What is stored needs the file no more.
+        std::fs::remove_file(folder.0.join("own.toml")).unwrap();
+        let stored = config.stored();
+        assert_eq!((&*stored.gels[0].sensor, thickness(&stored)), ("own.toml", 0.0042));
+        let read: DatasetConfig =
+            serde_json::from_str(&serde_json::to_string(&stored).unwrap()).unwrap();
+        assert_eq!(read.validated().unwrap().stored(), stored);
+        let said = folder.read(&gel("own.toml")).unwrap_err().to_string();
+        assert!(said.contains("own.toml"), "{said}");
+        assert!(folder.read(&gel("digits")).unwrap_err().to_string().contains("digit"));
+    }
 }

@@ -15,7 +15,6 @@ use crate::{
     Error, Result,
     geometry::Shape,
     objects::{Antipodal, GraspSampler, Object},
-    sensor::Sensor,
 };
 
 /// Least depth (m), and the greatest over the thickness of the indenter.
@@ -55,7 +54,7 @@ pub fn plans(config: &DatasetConfig) -> Result<Vec<(Object, Vec<Plan>)>> {
     let objects = config.objects()?.into_iter();
     let of_object = |object: &Object| match config.scenario {
         Scenario::Presses => {
-            Ok((0..config.grasps_of(object)).map(|i| draw_press(config, object, i)).collect())
+            (0..config.grasps_of(object)).map(|i| draw_press(config, object, i)).collect()
         }
         Scenario::Pads | Scenario::Soft => grasps(config, object),
     };
@@ -106,13 +105,13 @@ fn thickness_of(shape: &Shape) -> f64 {
 }
 
 /// Draws a press of an indenter.
-fn draw_press(config: &DatasetConfig, object: &Object, number: usize) -> Plan {
+fn draw_press(config: &DatasetConfig, object: &Object, number: usize) -> Result<Plan> {
     let mut random = ChaCha8Rng::seed_from_u64(object.seed);
     random.set_stream(1 + number as u64);
     let mut uniform = || random.random::<f64>();
     let (turn, mut tilt) = draw_turn(&mut uniform);
     let gel = choose(config, uniform());
-    let thickness = Sensor::named(&config.gels[gel].sensor).map_or(4e-3, |s| s.outline.thickness);
+    let thickness = config.gels[gel].sensor()?.outline.thickness;
     let deepest = (config.depth * thickness).min(DEPTHS.1 * thickness_of(&object.shape));
     let depth = DEPTHS.0 * f64::max(deepest / DEPTHS.0, 1.0).powf(uniform().sqrt());
     let friction = FRICTIONS[(FRICTIONS.len() as f64 * uniform()) as usize];
@@ -128,7 +127,7 @@ fn draw_press(config: &DatasetConfig, object: &Object, number: usize) -> Plan {
         tilt = Vector3::zeros();
     }
     let turn = UnitQuaternion::from_scaled_axis(tilt) * turn;
-    Plan {
+    Ok(Plan {
         name: format!("{}/{number:03}", object.name),
         object: object.name.clone(),
         gel,
@@ -139,7 +138,7 @@ fn draw_press(config: &DatasetConfig, object: &Object, number: usize) -> Plan {
         shear: [0.0; 2],
         twist: 0.0,
         indentation: Some(Indentation { friction, turn, spot, depth, onward }),
-    }
+    })
 }
 
 /// Draws an orientation and the tilt of it, a rotation vector. Half of the indenters rest on a side

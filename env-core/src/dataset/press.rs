@@ -48,7 +48,7 @@ impl PressedPad {
     /// Builds the pad of a gel with fields on at most `nodes` nodes, and with finely resolved
     /// contact if `fine`.
     pub(super) fn new(gel: &GelConfig, nodes: usize, fine: bool) -> Result<Self> {
-        let sensor = Sensor::named(&gel.sensor)?;
+        let sensor = gel.sensor()?;
         let model = sensor.pad(nodes)?;
         let contact = || -> Result<_> {
             let moduli = gel.moduli();

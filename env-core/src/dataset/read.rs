@@ -81,7 +81,7 @@ impl Dataset {
             Scenario::Pads | Scenario::Soft => catalogue(config.seed),
             Scenario::Presses => config.drawn(),
         };
-        objects.extend(config.clone().with_meshes_in(&folder.join("meshes")).own_objects()?);
+        objects.extend(config.clone().with_files_in(&folder.join("meshes")).own_objects()?);
         let manifest = finished(&folder.join("manifest.json"))?;
         let mut shards = Vec::new();
         let mut grasps = Vec::new();

@@ -14,7 +14,7 @@ use super::{
     squeeze::{Squeeze, of_squeeze},
     weight::Weight,
 };
-use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object, sensor::Sensor};
+use crate::{Result, fem::Carrier, geometry::TetMesh, objects::Object};
 
 /// Bodies and meshes of the soft side.
 pub(super) enum ScenarioBodies {
@@ -105,7 +105,7 @@ impl ScenarioBodies {
             Self::Soft(objects) => {
                 let (meshes, gel) = (&objects[&object.name], &config.gels[plan.gel]);
                 let object = gel.object(meshes.truth.clone(), config)?;
-                let outline = Sensor::named(&gel.sensor)?.outline;
+                let outline = gel.sensor()?.outline;
                 let squeeze = Squeeze { object: &object, outline, ramp: ramp(0.5 * plan.width) };
                 let (frames, error) = squeeze.solve(plan);
                 let carrier = Carrier::new(&object, &meshes.model)?;

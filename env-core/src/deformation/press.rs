@@ -156,6 +156,19 @@ pub struct PredictedError {
 impl PredictedError {
     /// Greatest error that is predicted.
     pub const MOST: f64 = 3.0;
+
+    /// Errors of an answer with the errors `of_felt` contact, where a `share` of the contact is not
+    /// felt at all: force and stress lack at least that share. Displacement lacks more, for it is
+    /// small where contact is felt beside an edge; its root was large enough in the presses of the
+    /// report `rim`.
+    pub(crate) fn with_unfelt(of_felt: Option<Self>, share: f64) -> Option<Self> {
+        if share == 0.0 {
+            return of_felt;
+        }
+        let Self { displacement, stress, force } = of_felt.unwrap_or_default();
+        let (displacement, stress) = (displacement.max(share.sqrt()), stress.max(share));
+        Some(Self { displacement, stress, force: force.max(share) })
+    }
 }
 
 /// Parts of a solution that cost extra.

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::{ThreadPool, ThreadPoolBuilder, prelude::*};
 
 use super::{
-    Outcome, Row, Setup, Stage, StartQuantity,
+    Outcome, Row, Setup, Stage,
     answers::answers,
     contact::{PerFinger, stiffened},
     plan::{MODEL, StageTimes},
@@ -19,7 +19,7 @@ use crate::{
     render::{DeformationView, DeformedBodies, SceneRenderer, Viewpoint},
     scene::MOST_DISTRACTORS,
     tactile::TactileModel,
-    task::{ACTION_SIZE, EpisodeParameters},
+    task::{ACTION_SIZE, EpisodeParameters, StartQuantity},
 };
 
 /// Time at which a row whose episode has ended starts the next one.

@@ -11,7 +11,7 @@ use super::{
     Setup,
     contact::{ContactState, PerFinger, StepSolutions, stiffened},
     distractors::beside,
-    given::{GivenStart, StartQuantity},
+    given::GivenStart,
     guarded,
     plan::{CHANNEL, CORRECTION, PEAK, PRESS, REWARD, SCENE, StageTimes},
     start::{InitialState, settle},
@@ -24,7 +24,7 @@ use crate::{
     scene::{MOST_DISTRACTORS, Scene, SceneObject, SceneState},
     task::{
         ACTION_SIZE, Ending, EpisodeParameters, FaultySensors, Progress, Range, RewardTerms, Start,
-        StepState, TrialGrip, command,
+        StartQuantity, StepState, TrialGrip, command,
     },
 };
 

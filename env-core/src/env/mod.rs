@@ -20,7 +20,6 @@ mod trial;
 
 pub use batch::{Autoreset, Batch, BodySurface, StepResult};
 pub use episode::Outcome;
-pub use given::StartQuantity;
 pub use plan::Stage;
 pub use row::Row;
 

@@ -9,7 +9,7 @@ use super::{
     answers::Answer,
     contact::PerFinger,
     episode::{DRAWS, Episode, PendingStep, never_held},
-    given::{GivenStart, StartQuantity},
+    given::GivenStart,
     guarded,
     plan::StageTimes,
 };
@@ -17,7 +17,7 @@ use crate::{
     Error, Result,
     deformation::Press,
     scene::SceneState,
-    task::{ACTION_SIZE, Ending, EpisodeParameters},
+    task::{ACTION_SIZE, Ending, EpisodeParameters, StartQuantity},
 };
 
 /// One environment and the random stream of its resets.

@@ -13,6 +13,7 @@ mod length;
 mod mesh_file;
 mod pad_mesh;
 mod pad_outline;
+mod parts;
 mod rigid_fit;
 mod rounded;
 mod sampled;

@@ -8,7 +8,7 @@ use std::{collections::HashMap, f64::consts::TAU, sync::Arc};
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
-use super::{Distance, cached::Cached, distance::TriangleTree};
+use super::{Distance, cached::Cached, distance::TriangleTree, parts::defect_of_parts};
 use crate::{Error, Result};
 
 /// A watertight, outward-oriented triangle surface (m).
@@ -43,7 +43,8 @@ pub(crate) fn simplify(most: usize) -> String {
 
 impl Surface {
     /// Returns a surface of these parts, or an error that names the first defect found: an index
-    /// out of range, a non-finite vertex, an open or inconsistently oriented edge, no volume.
+    /// out of range, a non-finite vertex, an open or inconsistently oriented edge, no volume, parts
+    /// that overlap.
     ///
     /// Coincident vertices are merged; a surface oriented inwards as a whole is reversed.
     pub fn new(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
@@ -80,6 +81,9 @@ impl Surface {
         }
         if volume < 0.0 {
             surface.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        if let Some(defect) = defect_of_parts(&surface) {
+            return Err(bad(defect.to_string()));
         }
         Ok(surface)
     }

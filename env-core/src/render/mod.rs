@@ -26,4 +26,4 @@ pub use mesh::RenderMesh;
 pub use renderer::{Item, Renderer};
 pub use scene::SceneRenderer;
 pub use shade::{Color, Finish};
-pub use touch::{DeformationView, DeformedBodies};
+pub use touch::{DeformationView, DeformedBodies, STRESS_COLORS};

@@ -29,7 +29,7 @@ pub enum DeformedBodies<'a> {
 }
 
 /// Colours (sRGB) from no stress to the highest, evenly spaced: light to dark, as in the reports.
-const COLORS: [[u8; 3]; 6] = [
+pub const STRESS_COLORS: [[u8; 3]; 6] = [
     [252, 243, 205],
     [254, 191, 132],
     [245, 121, 92],
@@ -40,10 +40,10 @@ const COLORS: [[u8; 3]; 6] = [
 
 /// Colour of a stress, given as a `share` of the stress of the darkest colour.
 fn color(share: f64) -> Color {
-    let last = COLORS.len() - 1;
+    let last = STRESS_COLORS.len() - 1;
     let place = share.clamp(0.0, 1.0) * last as f64;
     let below = (place as usize).min(last - 1);
-    let [from, to] = [below, below + 1].map(|i| COLORS[i]);
+    let [from, to] = [below, below + 1].map(|i| STRESS_COLORS[i]);
     let mixed = |k: usize| {
         let (from, to) = (f64::from(from[k]), f64::from(to[k]));
         (from + (place - below as f64) * (to - from)) as u8
@@ -217,7 +217,7 @@ mod tests {
             assert!(more < less, "{more} after {less} at step {step}");
         }
         assert_eq!(color(7.0), color(1.0));
-        assert_eq!(color(0.0).bytes(), COLORS[0]);
+        assert_eq!(color(0.0).bytes(), STRESS_COLORS[0]);
     }
 
     #[test]

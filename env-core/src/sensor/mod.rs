@@ -217,7 +217,8 @@ impl Sensor {
         PadMesh::with_nodes(&self.outline, nodes)
     }
 
-    fn parse(path: &str, text: &str) -> Result<Self> {
+    /// Reads a sensor from the `text` of its file, whose `path` stands in errors.
+    pub fn parse(path: &str, text: &str) -> Result<Self> {
         fields::check(text)
             .and_then(|()| toml::from_str::<Self>(text).map_err(|error| vec![error.to_string()]))
             .and_then(Self::validated)

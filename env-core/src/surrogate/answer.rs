@@ -24,8 +24,8 @@ use crate::{
     compliance::nodal::{ContactResolution, ContactSolution},
     contact::{Backing, SurfacePoint, clearance},
     deformation::{
-        Deformation, DeformationModel, Drive, Moduli, Press, SoftBody, Wanted, Wrench,
-        solve_frames, solve_in_parallel,
+        Deformation, DeformationModel, Drive, Moduli, PredictedError, Press, SoftBody, Wanted,
+        Wrench, solve_frames, solve_in_parallel,
     },
     fem::Linearised,
     geometry::{PadMesh, PadOutline, Shape},
@@ -166,12 +166,16 @@ impl Surrogate {
         let (trained, is_plain) = (&self.trained, self.is_plain);
         match press.drive() {
             Drive::Translation { .. } => solve_frames(trained.linear.path(press), |linear| {
-                trained.correct(press, linear?, Wanted::ALL, is_plain)
+                let answer = trained.correct(press, linear?, Wanted::ALL, is_plain)?;
+                trained.linear.on_face(press.shapes(), answer)
             }),
-            Drive::Force { poses, force, direction } => {
-                vec![trained.push(press, poses, *force, direction, is_plain)]
-            }
+            Drive::Force { .. } => vec![self.last_on_face(press)],
         }
+    }
+
+    /// Solves `press` and returns its last frame, or an error if that is mostly on the walls.
+    fn last_on_face(&self, press: &Press) -> Result<Deformation> {
+        self.trained.linear.on_face(press.shapes(), self.last(press, Wanted::ALL)?)
     }
 
     /// Solves `press` and returns its last frame; earlier frames are not corrected by the network.
@@ -308,6 +312,8 @@ impl PadModel {
         };
         let PadFields { displacement, contact_force, von_mises, poses } = answer;
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
+        let on_walls = self.linear.share_on_walls(press.shapes(), &poses);
+        let predicted_error = PredictedError::with_unfelt(predicted_error, on_walls);
         let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
         let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
         Ok(Deformation {
@@ -380,7 +386,7 @@ impl PadModel {
 impl DeformationModel for Surrogate {
     /// Solves the presses in parallel, each on one thread.
     fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, Wanted::ALL)
+        solve_in_parallel(presses, |press| self.last_on_face(press))
     }
 
     fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {

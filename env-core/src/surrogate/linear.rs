@@ -16,14 +16,14 @@ use super::{
     ops::{PadStress, Sparse},
 };
 use crate::{
-    Result,
+    Error, Result,
     compliance::{
         Compliance, ComplianceOptions,
         nodal::{ContactResolution, ContactSolution, LayeredPad, Nodal, NodeContact, Sides},
     },
     contact::Backing,
-    deformation::{Law, Moduli, Press, SoftBody},
-    geometry::{PadMesh, PadOutline, Transfer},
+    deformation::{Deformation, Law, Moduli, Press, SoftBody},
+    geometry::{PadMesh, PadOutline, Shape, Transfer},
     interrupt,
     recent::Recent,
     sensor::Sensor,
@@ -54,6 +54,9 @@ struct MeshedGel {
     /// Cells of the model mesh.
     cells: [u32; 3],
 }
+
+/// Largest part of the contact that may be on the walls of a pad.
+const ON_WALLS: f64 = 0.5;
 
 /// A hundred to two hundred megabytes each.
 static PRECOMPUTED: Recent<MeshedGel, Precomputed> = Recent::new(2);
@@ -146,6 +149,18 @@ impl LinearBaseline {
     /// Held faces of the pad.
     pub(super) fn backing(&self) -> &Backing {
         self.layered.backing()
+    }
+
+    /// Part of the contact of `shapes` at `poses` (S) that is on the pad's walls, where this model
+    /// feels nothing: 0 to 1.
+    pub(super) fn share_on_walls(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
+        self.layered.share_on_walls(shapes, poses)
+    }
+
+    /// Returns the answer to a press of `shapes`, or an error if they press mostly on the walls.
+    pub(super) fn on_face(&self, shapes: &[Shape], answer: Deformation) -> Result<Deformation> {
+        let share = self.share_on_walls(shapes, &answer.poses);
+        if share > ON_WALLS { Err(Error::OnWalls { share }) } else { Ok(answer) }
     }
 
     /// Solves the frames of `press`, in order; the first that fails is an error and the last.

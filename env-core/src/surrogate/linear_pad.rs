@@ -69,6 +69,10 @@ impl LinearPad {
         self.linear.backing()
     }
 
+    fn last(&self, press: &Press, wanted: Wanted) -> Result<Deformation> {
+        self.fields(self.linear.path(press).pop().expect("a press has a frame")?, wanted)
+    }
+
     fn fields(&self, settled: ContactSolution, wanted: Wanted) -> Result<Deformation> {
         let start = Instant::now();
         let stress = if wanted.stress { self.stress } else { LinearStress::Omitted };
@@ -102,17 +106,18 @@ impl DeformationModel for LinearPad {
     /// hyperelastic elements on the mesh of the body, are left 0 unless they are asked for: where a
     /// linear solution turns tetrahedra inside out, there are none.
     fn solve(&self, presses: &[Press]) -> Vec<Result<Deformation>> {
-        self.solve_partially(presses, STRESSED)
-    }
-
-    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
         solve_in_parallel(presses, |press| {
-            let answer = self.linear.path(press).pop().expect("a press has a frame")?;
-            self.fields(answer, wanted)
+            self.linear.on_face(press.shapes(), self.last(press, STRESSED)?)
         })
     }
 
+    fn solve_partially(&self, presses: &[Press], wanted: Wanted) -> Vec<Result<Deformation>> {
+        solve_in_parallel(presses, |press| self.last(press, wanted))
+    }
+
     fn solve_path(&self, press: &Press) -> Vec<Result<Deformation>> {
-        solve_frames(self.linear.path(press), |answer| self.fields(answer?, STRESSED))
+        solve_frames(self.linear.path(press), |answer| {
+            self.linear.on_face(press.shapes(), self.fields(answer?, STRESSED)?)
+        })
     }
 }

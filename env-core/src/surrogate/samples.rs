@@ -14,10 +14,9 @@ use super::{
 use crate::{
     Result,
     compliance::nodal::ContactResolution,
-    dataset::{Dataset, DatasetConfig, PadFrames, steps},
+    dataset::{Dataset, DatasetConfig, GelConfig, PadFrames, steps},
     deformation::Press,
     geometry::{PadMesh, Shape},
-    sensor::Sensor,
 };
 
 /// A solved frame with its linear solution.
@@ -51,14 +50,14 @@ pub(super) struct GelPad {
 impl Gels {
     /// Prepares the gels of `config`, with linear models of at most `nodes` nodes.
     pub(super) fn new(config: &DatasetConfig, nodes: usize) -> Result<Self> {
-        let mut sensors: Vec<&str> = config.gels.iter().map(|gel| gel.sensor.as_str()).collect();
-        sensors.sort_unstable();
+        let mut sensors = config.gels.iter().map(GelConfig::sensor).collect::<Result<Vec<_>>>()?;
+        sensors.sort_by(|a, b| a.name.cmp(&b.name));
         sensors.dedup();
-        let meshes = sensors.iter().map(|name| Sensor::named(name)?.pad(config.model_nodes));
+        let meshes = sensors.iter().map(|sensor| sensor.pad(config.model_nodes));
         let meshes = meshes.collect::<Result<Vec<_>>>()?;
-        let pad = |gel: &crate::dataset::GelConfig| {
-            let sensor = Sensor::named(&gel.sensor)?;
-            let graph = sensors.iter().position(|name| *name == gel.sensor).unwrap_or_default();
+        let pad = |gel: &GelConfig| {
+            let sensor = gel.sensor()?;
+            let graph = sensors.iter().position(|known| *known == sensor).unwrap_or_default();
             let moduli = gel.moduli();
             let thickness = sensor.outline.thickness;
             let gel = PadMaterial { moduli, friction: gel.friction, thickness };

@@ -73,6 +73,9 @@ pub struct Data {
     pub test: [usize; 2],
     /// Names of the sensors.
     pub sensors: Vec<String>,
+    /// Contents of the files of those that are not built in, by the name of the file.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub definitions: BTreeMap<String, String>,
     /// Largest displacement over the pad's thickness.
     pub amplitude: f64,
     /// Least and largest Poisson's ratio.
@@ -137,10 +140,12 @@ impl Data {
         let mut sensors: Vec<_> = config.gels.iter().map(|gel| gel.sensor.clone()).collect();
         sensors.sort();
         sensors.dedup();
+        let of_file = |gel: &GelConfig| Some((gel.sensor.clone(), gel.definition.clone()?));
         Self {
             fingerprint,
             trained_by: trained_by.to_owned(),
             sensors,
+            definitions: config.gels.iter().filter_map(of_file).collect(),
             poisson: range(|gel| gel.poisson),
             friction: config.frictions().unwrap_or_else(|| range(|gel| gel.friction)),
             ..Self::default()

@@ -180,7 +180,7 @@ impl Rules for InsertPeg {
         let reach = 0.012;
         let (low, high) = ([-reach, -reach, HEIGHT + LOWEST], [reach, reach, 0.08]);
         config.scene.workspace = Workspace { low, high };
-        // The tip starts 1 to 6 mm over the hole.
+        // The tip starts 3.5 to 8.5 mm over the block.
         config.start_height = [0.0555, 0.0565];
         config.max_episode_steps = 150;
         (config.mass, config.size) = ([0.02, 0.06], [1.0, 1.0]);
@@ -374,8 +374,7 @@ round or a hexagonal peg, 12 mm wide and 60 mm long, is in the hand; contact of 
 block is felt through the gel.
 
 ## Action
-As of :class:`GraspLiftEnv` at a twelfth of its speed: 0.02 m/s and 0.5 rad/s. The fifth number
-changes the grip by a factor of 1.2 per step at most, between ``least_grip`` and 20 N.
+As of :class:`GraspLiftEnv`, but slower: 0.02 m/s and 0.5 rad/s. The fifth number changes the grip by a factor of 1.2 per step at most, between ``least_grip`` and 20 N.
 
 ## Observation
 By default ``proprio`` and ``wrench``. The channel ``insertion`` has what is hidden.
@@ -386,8 +385,8 @@ By default ``proprio`` and ``wrench``. The channel ``insertion`` has what is hid
 {terms}
 
 ## Start
-The hand has gripped the middle of the peg with ``start_grip``, 10 N, and holds its tip 1 to 6 mm
-over the block. ``peg_offset`` is drawn for each of the two directions along the pads' faces.
+The hand has gripped the middle of the peg with ``start_grip``, 10 N, and holds its tip 3.5 to
+8.5 mm over the block. ``peg_offset`` is drawn for each of the two directions along the pads' faces.
 
 ## End
 Truncated after ``max_episode_steps`` steps, 150 by default. Also terminated, with

@@ -23,6 +23,7 @@ mod reward_weights;
 mod schema;
 mod sensor_errors;
 mod setting;
+mod start_quantity;
 mod state_channel;
 
 pub use action::{ACTION_SIZE, command};
@@ -43,6 +44,7 @@ pub use reward_weights::RewardWeights;
 pub use schema::schema;
 pub use sensor_errors::{ErrorRange, SensorError, SensorErrors};
 pub use setting::{Range, Setting, SettingValue};
+pub use start_quantity::StartQuantity;
 pub use state_channel::StateChannel;
 
 use std::ops::{Deref, DerefMut};

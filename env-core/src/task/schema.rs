@@ -4,8 +4,8 @@
 use serde_json::{Map, Value, json};
 
 use super::{
-    Component, Ending, Setting, StateChannel, TACTILE_CHANNELS, Task, TaskConfig, config::PLACE,
-    objects::numbers, observation::components, read::OTHERS,
+    Component, Ending, Setting, StartQuantity, StateChannel, TACTILE_CHANNELS, Task, TaskConfig,
+    config::PLACE, objects::numbers, observation::components, read::OTHERS,
 };
 use crate::{
     Error,
@@ -54,6 +54,12 @@ fn task(task: &Task) -> Value {
     let terms = terms.map(|t| json!({"name": t.name, "weight": t.weight, "doc": t.doc}));
     let channels = task.channels().iter().map(|&channel| describe(channel, &config));
     let channels = channels.collect::<Vec<_>>();
+    let settings = config.settings().iter().map(Setting::describe).collect::<Vec<_>>();
+    let is_drawn = |quantity: StartQuantity| {
+        let setting = quantity.setting();
+        setting == "objects" || settings.iter().any(|each| each["name"] == setting)
+    };
+    let draws = StartQuantity::NAMED.iter().filter(|(_, quantity)| is_drawn(*quantity));
     json!({
         "name": task.name(),
         "doc": task.doc(),
@@ -62,8 +68,9 @@ fn task(task: &Task) -> Value {
         "channels": channels,
         "usual_channels": config.channels(),
         "objects": config.objects,
-        "settings": config.settings().iter().map(Setting::describe).collect::<Vec<_>>(),
+        "settings": settings,
         "others": others(&config),
+        "draws": draws.map(|(name, _)| name).collect::<Vec<_>>(),
     })
 }
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "CAMERAS",
     "OBJECTS",
+    "STRESS_COLORS",
     "Antipodal",
     "Batch",
     "Compliance",
@@ -53,6 +54,7 @@ __all__ = [
 __version__: str
 OBJECTS: list[str]
 CAMERAS: list[str]
+STRESS_COLORS: list[tuple[int, int, int]]
 
 class SimulationError(RuntimeError): ...
 
@@ -67,6 +69,7 @@ class PressError(SimulationError):
         "step-too-long",
         "inverted",
         "penetrated",
+        "on-walls",
         "network",
         "unreachable",
         "no-trial",
@@ -511,7 +514,7 @@ class Antipodal:
 def objects(seed: int = 0) -> list[Object]: ...
 def sensor_names() -> list[str]: ...
 def sensor_template() -> str: ...
-def read_sensor(name: str) -> str: ...
+def read_sensor(name: str, text: str | None = None) -> str: ...
 def fit_foundation(name: str, calibration: str, nodes: int) -> str: ...
 def estimate_dataset(
     folder: _Path, config: _Path | None, overrides: str

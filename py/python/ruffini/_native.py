@@ -119,6 +119,14 @@ class Native:
         """Take one step in all rows."""
         return StepArrays(*self._batch.step(actions))
 
+    def _saved(self) -> list[bytes]:
+        """Snapshot of each row."""
+        return self._batch.save()
+
+    def _restored(self, states: list[bytes]) -> NDArray[np.float32]:
+        """Restore all rows from snapshots; return their observations."""
+        return self._batch.load(states)
+
     def _close(self) -> None:
         """Free the batch; whatever needs it is an error from then on."""
         self._batch = cast("Batch", ClosedBatch())

@@ -146,7 +146,7 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
 
     def state(self) -> bytes:
         """Snapshot as bytes of everything on which the environment's future depends."""
-        return self._batch.save()[0]
+        return self._saved()[0]
 
     def set_state(self, state: bytes) -> Observation:
         """Restore a snapshot made by :meth:`state`; return the observation.
@@ -159,4 +159,4 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         check_open(self._batch, "set_state")
         self._leave_time_limit()
         self._started = True
-        return self._spaces.cut(self._batch.load([state])[0])
+        return self._spaces.cut(self._restored([state])[0])

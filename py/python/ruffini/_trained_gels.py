@@ -35,17 +35,20 @@ def unlike(
     """Properties of a gel outside of those that a network was trained on, in words.
 
     Args:
-        trained: ``sensors`` and ``poisson`` of the training data.
+        trained: ``sensors`` and ``poisson`` of the training data, and ``definitions``, the texts of
+            the files of those sensors that are not built in.
         sensor: Name of the sensor, or its file.
         calibration: Name of its material; the first if not given.
         poisson: Poisson's ratio in place of the calibration's.
     """
 
-    def read(name: str) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(_core.read_sensor(name))
+    def read(name: str, text: str | None = None) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(_core.read_sensor(name, text))
         return found
 
-    found, known = read(sensor), [read(name)["outline"] for name in trained["sensors"]]
+    files = trained.get("definitions", {})
+    found = read(sensor)
+    known = [read(name, files.get(name))["outline"] for name in trained["sensors"]]
     words = []
     for entry in _LENGTHS:
         # A straight line has no radius.

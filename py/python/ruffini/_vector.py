@@ -272,7 +272,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
 
     def state(self) -> list[bytes]:
         """Snapshot of each row as bytes of everything on which its future depends."""
-        return self._batch.save()
+        return self._saved()
 
     def set_state(self, states: Sequence[bytes]) -> Any:
         """Restore every row from a snapshot made by :meth:`state`; return the observations.
@@ -285,7 +285,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         for row, state in enumerate(states):
             if not isinstance(state, bytes):
                 raise ValueError(f"state[{row}]: found {type(state).__name__}, expected bytes")
-        observation = self._batch.load(list(states))
+        observation = self._restored(list(states))
         self._started = True
         self._ended = self._batch.ended()
         return self._spaces.cut(observation)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ruffini._core import TetMesh
+from ruffini._core import STRESS_COLORS, TetMesh
 from ruffini._frames import turned
 from ruffini._schema import control_period
 from ruffini._spaces import check_writable, writing
@@ -28,9 +28,6 @@ from ruffini._words import counted
 __all__ = ["Rigid", "Scene", "Skin", "Soft", "ViewerFrame", "check", "nodal", "traction", "view"]
 
 Floats = NDArray[np.floating[Any]]
-_COLORS = [(252, 243, 205), (254, 191, 132), (245, 121, 92), (197, 60, 117), (119, 34, 125)]
-_COLORS += [(38, 12, 62)]
-"""Colours from no stress to the highest, as in `env.render()`."""
 _AXES = [(215, 60, 50), (60, 150, 60), (50, 90, 210), (120, 120, 120)]
 """Colours of the components of a curve, in order."""
 _FORCE, _TRACTION = 0.003, 1e-7
@@ -493,9 +490,10 @@ def _corners(body: Rigid | Soft) -> Floats:
 
 def color(shares: Floats) -> NDArray[np.uint8]:
     """Colours (N, 3) of stresses that are `shares` (N,) of the highest."""
-    places = np.clip(shares, 0, 1) * (len(_COLORS) - 1)
+    places = np.clip(shares, 0, 1) * (len(STRESS_COLORS) - 1)
     columns = [
-        np.interp(places, range(len(_COLORS)), column) for column in zip(*_COLORS, strict=True)
+        np.interp(places, range(len(STRESS_COLORS)), column)
+        for column in zip(*STRESS_COLORS, strict=True)
     ]
     stacked: NDArray[np.uint8] = np.stack(columns, axis=1).astype(np.uint8)
     return stacked

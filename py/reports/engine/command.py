@@ -20,6 +20,7 @@ REPORTS += [
     "pareto",
     "paths",
     "reality",
+    "rim",
     "scene_cost",
     "sensors",
     "shapes",

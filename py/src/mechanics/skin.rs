@@ -1,6 +1,6 @@
 //! Tactile channels of a pad's answers.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods};
 use pyo3::{
     prelude::*,
@@ -100,6 +100,13 @@ impl Skin {
             return Err(refused("channel", channel, "another: the sensor's colours are not known"));
         }
         let answer = answer.map(|answer| self.checked(answer)).transpose()?.map(Bound::get);
+        let predicts = |answer: &Deformation| {
+            let Deformation { inner, .. } = answer;
+            inner.predicted_error.is_some() || inner.wrench.force == Vector3::zeros()
+        };
+        if known == Channel::PredictedError && !answer.is_none_or(predicts) {
+            return Err(refused("channel", channel, "another: the answer's model predicts none"));
+        }
         let entries = py.detach(|| {
             let shapes = answer.map_or(&[][..], |answer| &answer.shapes).iter();
             let shapes: Vec<_> = shapes.map(|shape| &shape.get().inner).collect();

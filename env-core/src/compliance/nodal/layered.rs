@@ -9,7 +9,7 @@
 
 use std::{cell::RefCell, sync::Arc};
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     check_friction,
@@ -25,13 +25,14 @@ use super::{
     side_field::SideField,
     sides::Sides,
     state::ContactSolution,
+    wall_contact::WallContact,
 };
 use crate::{
     Result,
     compliance::Compliance,
     contact::{Backing, ContactLaw},
     deformation::Press,
-    geometry::{PadMesh, PadOutline},
+    geometry::{PadMesh, PadOutline, Shape},
     interrupt,
     simd::{LANES, add_rows, vectorised},
 };
@@ -52,6 +53,7 @@ pub struct LayeredPad {
     levels: Arc<Vec<ContactNodes>>,
     resolution: ContactResolution,
     law: ContactLaw,
+    walls: Arc<WallContact>,
     model: Arc<ModelFace>,
     near_field: Arc<NearField>,
     /// Precomputed data of each cell of the first levels.
@@ -121,8 +123,8 @@ impl LayeredPad {
         });
         let known = Arc::new(known.collect());
         let law = compliance.settings.law;
-        let resolution = ContactResolution::FAST;
-        Ok(Self { levels: Arc::new(levels), resolution, law, model, near_field, known })
+        let (resolution, walls) = (ContactResolution::FAST, Arc::new(WallContact::new(outline)));
+        Ok(Self { levels: Arc::new(levels), resolution, law, walls, model, near_field, known })
     }
 
     /// Returns this model with other friction and contact at another `resolution`; both share the
@@ -136,6 +138,12 @@ impl LayeredPad {
     /// Held faces of the pad.
     pub(crate) fn backing(&self) -> &Backing {
         &self.levels[0].condensed.backing
+    }
+
+    /// Part of the contact of `shapes` at `poses` (S) that is on the pad's walls, which have no
+    /// cells: 0 to 1.
+    pub fn share_on_walls(&self, shapes: &[Shape], poses: &[Isometry3<f64>]) -> f64 {
+        self.walls.share(shapes, poses)
     }
 
     /// Solves every frame of `press`, in order; the first that fails is an error and the last.
@@ -309,14 +317,14 @@ fn add(
 mod tests {
     use std::f64::consts::{FRAC_PI_2, PI};
 
-    use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion};
+    use nalgebra::{Matrix3, Translation3, UnitQuaternion};
 
     use super::*;
     use crate::{
         compliance::ComplianceOptions,
         compliance::nodal::{model_face::SPREAD, near_field::LIFT},
         deformation::{Law, Moduli, SoftBody},
-        geometry::{Shape, sample_shares},
+        geometry::sample_shares,
         sensor::Sensor,
     };
 

@@ -32,6 +32,7 @@ mod side_field;
 mod sides;
 mod spots;
 mod state;
+mod wall_contact;
 
 use std::sync::Arc;
 

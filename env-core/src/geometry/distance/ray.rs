@@ -77,7 +77,11 @@ pub(in crate::geometry) const CLOSE: f64 = 1e-12;
 
 impl Surface {
     /// Returns [`Shape::ray_gap`] of the solid inside.
-    pub(super) fn ray_gap(&self, origin: &Point3<f64>, direction: &Vector3<f64>) -> Option<f64> {
+    pub(in crate::geometry) fn ray_gap(
+        &self,
+        origin: &Point3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<f64> {
         match self.tree().first_hit(origin, direction)? {
             (gap, true) => Some(gap),
             (_, false) => self.tree().first_hit(origin, &-direction).map(|(back, _)| -back),

@@ -7,7 +7,6 @@ use nalgebra::{Isometry3, Point3};
 use crate::{
     Result, dataset,
     geometry::{PadMesh, Shape},
-    sensor::Sensor,
     surrogate::{material::PadMaterial, ops::Sparse},
 };
 
@@ -47,7 +46,7 @@ impl PaperGels {
     /// Builds the gels of `config`.
     pub(super) fn new(config: &dataset::DatasetConfig) -> Result<Self> {
         let pad = |gel: &dataset::GelConfig| {
-            let sensor = Sensor::named(&gel.sensor)?;
+            let sensor = gel.sensor()?;
             let moduli = gel.moduli();
             let thickness = sensor.outline.thickness;
             let graph = Arc::new(Graph::new(&sensor.pad(config.model_nodes)?));

@@ -22,7 +22,6 @@ use crate::{
     deformation::{Deformation, Press},
     geometry::Shape,
     objects::FamilySplit,
-    sensor::Sensor,
     surrogate::{
         features::{Fields, Target},
         loss::{WEIGHTS, relative},
@@ -98,7 +97,7 @@ impl Objects {
                     )?);
                 }
                 let unit = PadMaterial { moduli, friction: gel.friction, thickness: graph.length };
-                let outline = Sensor::named(&gel.sensor)?.outline;
+                let outline = gel.sensor()?.outline;
                 let half = 0.5 * Vector3::new(outline.width, outline.length, outline.thickness);
                 let answers = answers(&models[&frames.gel], frames, &half)?;
                 lost += frames.fingers[0].len() - answers.len();
