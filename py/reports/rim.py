@@ -125,8 +125,8 @@ elements on 600 are from it.
 def page(report: dict[str, Any]) -> str:
     """A table of all presses."""
     known = [press for press in report["presses"] if "predicted" in press]
-    pairs = [
-        (press["network"][part], press["predicted"][part]) for press in known for part in PARTS
+    both = [
+        [press[who][part] for who in ("network", "predicted")] for press in known for part in PARTS
     ]
     columns = {
         "ball": lambda press: f"{1e3 * press['radius']:g} mm",
