@@ -27,7 +27,7 @@ pub fn read_surface(path: &Path, scale: f64) -> Result<Surface> {
     };
     let vertices: Vec<_> =
         vertices.into_iter().map(|v| Point3::from(v.map(|x| x * scale))).collect();
-    Surface::new(&name, &vertices, &triangles)
+    Surface::of_solid(&name, &vertices, &triangles)
 }
 
 /// Distance of a mesh's origin from the middle of its bounding box, relative to the box's edges,

@@ -43,8 +43,7 @@ pub(crate) fn simplify(most: usize) -> String {
 
 impl Surface {
     /// Returns a surface of these parts, or an error that names the first defect found: an index
-    /// out of range, a non-finite vertex, an open or inconsistently oriented edge, no volume, parts
-    /// that overlap.
+    /// out of range, a non-finite vertex, an open or inconsistently oriented edge, no volume.
     ///
     /// Coincident vertices are merged; a surface oriented inwards as a whole is reversed.
     pub fn new(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
@@ -82,10 +81,19 @@ impl Surface {
         if volume < 0.0 {
             surface.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
-        if let Some(defect) = defect_of_parts(&surface) {
-            return Err(bad(defect.to_string()));
-        }
         Ok(surface)
+    }
+
+    /// Performs [`Surface::new`] for a surface that bounds one solid, which can touch: parts that
+    /// overlap or touch each other are an error, too.
+    pub fn of_solid(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
+        let surface = Self::new(name, vertices, triangles)?;
+        match defect_of_parts(&surface) {
+            Some(defect) => {
+                Err(Error::BadMesh { name: name.to_owned(), reason: defect.to_string() })
+            }
+            None => Ok(surface),
+        }
     }
 
     /// Returns a surface of parts that are known to be valid.

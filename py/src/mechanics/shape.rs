@@ -127,7 +127,7 @@ impl Shape {
         let vertices: Vec<_> =
             rows::<3>("vertices", vertices)?.into_iter().map(Point3::from).collect();
         let faces = index_rows("faces", faces)?;
-        let surface = Surface::new("from arrays", &vertices, &faces).map_err(python_error)?;
+        let surface = Surface::of_solid("from arrays", &vertices, &faces).map_err(python_error)?;
         Self::of(geometry::Shape::Mesh(Arc::new(surface)))
     }
 
