@@ -97,16 +97,6 @@ impl StarShaped {
         &self.semi_axes
     }
 
-    /// The waves.
-    pub fn waves(&self) -> &[Wave] {
-        &self.waves
-    }
-
-    /// The bumps.
-    pub fn bumps(&self) -> &[Bump] {
-        &self.bumps
-    }
-
     /// Distance from the origin to the surface along the unit vector `direction` (m).
     pub fn radius(&self, direction: &Vector3<f64>) -> f64 {
         let ellipsoid = 1.0 / direction.component_div(&self.semi_axes).norm();

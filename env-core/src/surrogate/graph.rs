@@ -71,7 +71,10 @@ impl PadGraph {
     pub(super) fn new(pad: &PadMesh) -> Result<Self> {
         let [across, along, layers] = pad.cells.map(|cells| cells as usize + 1);
         if layers != LAYERS + 1 {
-            let expected = format!("a mesh of {} layers of nodes", LAYERS + 1);
+            let expected = format!(
+                "a mesh of {} layers of nodes, as fewer or more `model_nodes` give",
+                LAYERS + 1
+            );
             return Err(Error::invalid("pad mesh", format!("{layers} layers"), expected));
         }
         let vertices = &pad.mesh.vertices;

@@ -61,7 +61,7 @@ pub(super) struct CellLevels {
     /// (m).
     heights: Vec<Vec<f64>>,
     /// Compliance of the pad less that of the layer.
-    edges: SideCompliance,
+    side_compliance: SideCompliance,
 }
 
 /// One grid. Cells are counted row after row along y.
@@ -99,8 +99,8 @@ impl CellLevels {
             places.map(|cell| height(&first, level as u32, cell)).collect()
         };
         let heights = (0..levels.min(TABULATED)).map(heights).collect();
-        let edges = SideCompliance::new(sides);
-        Arc::new(Self { first, kernel, heights, edges })
+        let side_compliance = SideCompliance::new(sides);
+        Arc::new(Self { first, kernel, heights, side_compliance })
     }
 
     /// Height of the face over the centre of a cell of that `level`, given by its place along x
@@ -138,24 +138,24 @@ impl CellGrid {
 
     /// Sides of a cell in plan (m).
     #[inline(always)]
-    fn sides(&self) -> [f64; 2] {
+    fn cell_size(&self) -> [f64; 2] {
         let ([x, y], parts) = (self.cells.first.sides, f64::from(1u32 << self.level));
         [x / parts, y / parts]
     }
 
     /// Area of a cell in plan (m²).
     pub(super) fn area(&self) -> f64 {
-        self.sides().iter().product()
+        self.cell_size().iter().product()
     }
 
     /// Longest side of a cell in plan (m).
     pub(super) fn longest_side(&self) -> f64 {
-        self.sides().into_iter().fold(0.0, f64::max)
+        self.cell_size().into_iter().fold(0.0, f64::max)
     }
 
     /// Half of a cell's diagonal, and a fifth more for slopes (m).
     pub(super) fn half_diagonal(&self) -> f64 {
-        let [x, y] = self.sides();
+        let [x, y] = self.cell_size();
         0.6 * x.hypot(y)
     }
 
@@ -167,7 +167,7 @@ impl CellGrid {
 
     /// Centre of a cell on the face at rest.
     pub(super) fn place(&self, rank: u32) -> Point3<f64> {
-        let ([i, j], [a, b]) = (self.cell(rank), self.sides());
+        let ([i, j], [a, b]) = (self.cell(rank), self.cell_size());
         let outline = &self.cells.first.outline;
         Point3::new(
             (f64::from(i) + 0.5) * a - 0.5 * outline.width,
@@ -200,7 +200,8 @@ impl CellGrid {
 
     /// Points on the face at rest that represent equal parts of a cell, `count` along each side.
     pub(super) fn points(&self, rank: u32, count: u32) -> impl Iterator<Item = Point3<f64>> {
-        let (centre, sides, outline) = (self.place(rank), self.sides(), &self.cells.first.outline);
+        let (centre, sides, outline) =
+            (self.place(rank), self.cell_size(), &self.cells.first.outline);
         let away = move |i: u32| (f64::from(i) + 0.5) / f64::from(count) - 0.5;
         (0..count * count).map(move |i| {
             let x = centre.x + sides[0] * away(i / count);
@@ -235,13 +236,13 @@ impl CellGrid {
     }
 
     /// Change of it by the sides, between the nodes [`CellGrid::around`] the cells.
-    pub(super) fn edges(&self) -> &SideCompliance {
-        &self.cells.edges
+    pub(super) fn side_compliance(&self) -> &SideCompliance {
+        &self.cells.side_compliance
     }
 
     /// Displacement of a point of the plan under unit forces on a cell, by the layer alone (m/N).
     pub(super) fn at_point(&self, loaded: u32, point: &Point3<f64>) -> Matrix3<f32> {
-        let (centre, sides) = (self.place(loaded), self.sides());
+        let (centre, sides) = (self.place(loaded), self.cell_size());
         let away = [(point.x - centre.x) / sides[0], (point.y - centre.y) / sides[1]];
         let [from, to] = [&centre, point].map(|point| self.tilt_at(point).cast::<f32>());
         to * self.layer().between(away.map(|cells| cells as f32)) * from.transpose()
@@ -253,13 +254,14 @@ impl CellGrid {
         let mut all = Responses::new(3 * count as usize);
         let spread: Vec<_> = (0..count).map(|cell| self.spread(cell)).collect();
         // Displacement around each node by the sides under forces spread over the loaded cell.
-        let mut by_sides = vec![Matrix3::<f32>::zeros(); self.edges().len()];
+        let mut by_sides = vec![Matrix3::<f32>::zeros(); self.side_compliance().len()];
         let tilts: Vec<Matrix3<f32>> = (0..count).map(|cell| self.tilt(cell).cast()).collect();
         for loaded in 0..count {
             let (from, tilt) = (self.cell(loaded), tilts[loaded as usize].transpose());
             for (node, sum) in (0..).zip(&mut by_sides) {
-                let part =
-                    |(from, share): &(u32, f32)| matrix(&self.edges().block(*from, node)) * *share;
+                let part = |(from, share): &(u32, f32)| {
+                    matrix(&self.side_compliance().block(*from, node)) * *share
+                };
                 *sum = spread[loaded as usize].iter().map(part).sum();
             }
             let response = |at: u32| {
@@ -282,13 +284,13 @@ impl CellGrid {
     /// it, by the layer alone (m).
     #[inline(always)]
     pub(super) fn under(&self, away: [f64; 2], force: [f32; 3]) -> [f32; 3] {
-        let sides = self.sides();
+        let sides = self.cell_size();
         self.layer().under([(away[0] / sides[0]) as f32, (away[1] / sides[1]) as f32], force)
     }
 
-    /// Nodes of [`CellGrid::edges`] around a cell, with weights that sum to 1.
+    /// Nodes of [`CellGrid::side_compliance`] around a cell, with weights that sum to 1.
     pub(super) fn around(&self, rank: u32) -> [(u32, f64); 4] {
-        self.edges().around(&self.place(rank))
+        self.side_compliance().around(&self.place(rank))
     }
 
     /// Nodes around points that are spread over a cell, with weights that sum to 1.
@@ -296,7 +298,7 @@ impl CellGrid {
         let mut nodes = BTreeMap::<u32, f32>::new();
         let share = 1.0 / f64::from(AVERAGED * AVERAGED);
         for point in self.points(rank, AVERAGED) {
-            for (node, part) in self.edges().around(&point) {
+            for (node, part) in self.side_compliance().around(&point) {
                 *nodes.entry(node).or_default() += (part * share) as f32;
             }
         }
@@ -308,13 +310,13 @@ impl CellGrid {
         &'a self,
         forces: &[(u32, Vector3<f64>)],
     ) -> impl Fn(u32) -> Vector3<f64> + 'a {
-        let mut around = vec![Vector3::<f32>::zeros(); self.edges().len()];
+        let mut around = vec![Vector3::<f32>::zeros(); self.side_compliance().len()];
         for (rank, force) in forces {
             for (node, share) in self.around(*rank) {
                 around[node as usize] += (force * share).cast::<f32>();
             }
         }
-        let by_edges = self.edges().field(&around);
+        let by_sides = self.side_compliance().field(&around);
         let in_layer = |(rank, force): &(u32, Vector3<f64>)| {
             (self.cell(*rank), self.tilt(*rank).tr_mul(force).cast::<f32>().into())
         };
@@ -324,8 +326,8 @@ impl CellGrid {
             let mut sum = self.tilt(rank) * by_layer.cast::<f64>();
             if !loaded.is_empty() {
                 for (to, share) in self.around(rank) {
-                    let by_edges: [f32; 3] = std::array::from_fn(|i| by_edges[3 * to as usize + i]);
-                    sum += Vector3::from(by_edges).cast::<f64>() * share;
+                    let by_sides: [f32; 3] = std::array::from_fn(|i| by_sides[3 * to as usize + i]);
+                    sum += Vector3::from(by_sides).cast::<f64>() * share;
                 }
             }
             sum
@@ -351,7 +353,7 @@ impl CellGrid {
         let mut open: Vec<(u32, [u32; 2], Option<Vector3<f64>>)> =
             (0..nx * ny).map(|k| (root, [k / ny * root, k % ny * root], None)).collect();
         let rows = self.count()[1];
-        let sides = self.sides();
+        let sides = self.cell_size();
         let outline = &self.cells.first.outline;
         while let Some((size, [i, j], moved)) = open.pop() {
             let rank = (i + size / 2) * rows + j + size / 2;

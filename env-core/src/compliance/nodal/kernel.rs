@@ -188,14 +188,11 @@ impl Table {
                 break;
             }
         }
-        let low = at.map(|cells| cells as usize);
-        let share = [at[0] - low[0] as f32, at[1] - low[1] as f32];
-        for (x, by_x) in [(low[0], 1.0 - share[0]), (low[0] + 1, share[0])] {
-            for (y, by_y) in [(low[1], 1.0 - share[1]), (low[1] + 1, share[1])] {
-                if x < table.count[0] && y < table.count[1] {
-                    let (entry, weight) = (&table.entries[x * table.count[1] + y], by_x * by_y);
-                    sum.iter_mut().zip(entry).for_each(|(sum, entry)| *sum += weight * entry);
-                }
+        for (corner, weight) in corners(at) {
+            let [x, y] = corner.map(|cells| cells as usize);
+            if x < table.count[0] && y < table.count[1] {
+                let entry = &table.entries[x * table.count[1] + y];
+                sum.iter_mut().zip(entry).for_each(|(sum, entry)| *sum += weight * entry);
             }
         }
         sum
@@ -233,39 +230,39 @@ impl Table {
 
     /// [`Table::at`] as a matrix for a distance that is not a whole number of cells, interpolated.
     pub(super) fn between(&self, away: [f32; 2]) -> Matrix3<f32> {
-        let low = away.map(f32::floor);
-        let share = [away[0] - low[0], away[1] - low[1]];
         let mut sum = Matrix3::zeros();
-        for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
-            for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
-                if by_x * by_y > 0.0 {
-                    let at = [low[0] as i32 + i, low[1] as i32 + j];
-                    sum += matrix(&self.at(at)) * (by_x * by_y);
-                }
-            }
+        for (corner, weight) in corners(away).into_iter().filter(|(_, weight)| *weight > 0.0) {
+            sum += matrix(&self.at(corner)) * weight;
         }
         sum
     }
-}
 
-impl Table {
     /// Displacement (m) under a `force` (N) at a distance that is not a whole number of cells,
     /// interpolated.
     #[inline(always)]
     pub(super) fn under(&self, away: [f32; 2], force: [f32; 3]) -> [f32; 3] {
-        let low = [away[0].floor(), away[1].floor()];
-        let share = [away[0] - low[0], away[1] - low[1]];
         let mut sum = [0.0; 4];
-        for (i, by_x) in [(0, 1.0 - share[0]), (1, share[0])] {
-            for (j, by_y) in [(0, 1.0 - share[1]), (1, share[1])] {
-                let moved = self.moved([low[0] as i32 + i, low[1] as i32 + j], force);
-                for k in 0..4 {
-                    sum[k] += by_x * by_y * moved[k];
-                }
+        for (corner, weight) in corners(away) {
+            let moved = self.moved(corner, force);
+            for k in 0..4 {
+                sum[k] += weight * moved[k];
             }
         }
         [sum[0], sum[1], sum[2]]
     }
+}
+
+/// Whole numbers of cells around a distance, with the weights that interpolate between them.
+#[inline(always)]
+fn corners(away: [f32; 2]) -> [([i32; 2], f32); 4] {
+    let low = away.map(f32::floor);
+    let [by_x, by_y] = [0, 1].map(|axis| {
+        let share = away[axis] - low[axis];
+        [1.0 - share, share]
+    });
+    let [x, y] = low.map(|cells| cells as i32);
+    [[0, 0], [0, 1], [1, 0], [1, 1]]
+        .map(|[i, j]| ([x + i, y + j], by_x[i as usize] * by_y[j as usize]))
 }
 
 /// The columns of a matrix.

@@ -59,6 +59,42 @@ pub(super) struct NodalLoadStepping<'a> {
     pub(super) state: NodalState,
 }
 
+/// Numbers of cells that may touch on each level.
+struct LevelChoice {
+    /// Coarsest level whose cells feel every shape if thin walls touch by their side.
+    broadest: usize,
+    /// Coarsest level whose cells feel every shape.
+    lowest: usize,
+    finest: usize,
+    resolution: ContactResolution,
+}
+
+impl LevelChoice {
+    /// Most cells that may touch on a level; `None` if there is none that is coarser. On those on
+    /// which a thin wall must touch by its side, they are as many as show that it does.
+    fn most(&self, level: usize) -> Option<usize> {
+        match level {
+            _ if level > self.lowest => Some(self.resolution.most),
+            _ if level > self.broadest => Some(self.broad()),
+            _ => None,
+        }
+    }
+
+    /// Fewest cells that touch on a level unless a finer one is tried.
+    fn fewest(&self, level: usize) -> usize {
+        match level {
+            _ if level == self.finest => 0,
+            _ if level < self.lowest => self.broad() / 8,
+            _ => self.resolution.few,
+        }
+    }
+
+    /// Cells that touch where a thin wall touches by its side.
+    fn broad(&self) -> usize {
+        BROAD.max(self.resolution.most)
+    }
+}
+
 impl<'a> NodalLoadStepping<'a> {
     /// Begins load stepping where `press` begins, with its friction or that of `law`.
     pub(super) fn new(
@@ -155,65 +191,55 @@ impl<'a> NodalLoadStepping<'a> {
 
     /// Attempts one load step to `poses` and returns the state it ends in.
     ///
-    /// On a body with several levels of cells:
-    /// - the step is taken on the finest level on which no more cells touch than the resolution
-    ///   allows;
-    /// - it stays on the level of the last step if that is coarser and few cells touch there;
-    /// - levels whose cells are about as wide as the thinnest wall are used only if more than
-    ///   [`BROAD`] cells touch on the next finer level, so that the wall touches by its side.
+    /// On a body with several levels of cells, the step is taken on the finest level on which no
+    /// more cells touch than [`LevelChoice`] allows, or stays on that of the last step if it is
+    /// coarser and few cells touch there.
     pub(super) fn attempt(&mut self, poses: &[Isometry3<f64>]) -> Result<NodalState> {
         let motion = self.state.poses.iter().zip(poses).map(|(a, b)| self.motion(a, b));
         let reach = motion.fold(0.0, f64::max) + MARGIN;
-        let finest = self.levels.len() - 1;
-        let [broadest, lowest] = [true, false].map(|as_walls| self.coarsest(as_walls));
-        let ContactResolution { most, few, .. } = self.resolution;
-        let broad = BROAD.max(most);
-        let most = |level: usize| match level {
-            _ if level > lowest => Some(most),
-            _ if level > broadest => Some(broad),
-            _ => None,
-        };
-        let few = |level: usize| if level < lowest { broad / 8 } else { few };
+        let choice = self.choice();
         let (mut level, mut held) = (self.state.level, self.state.held.clone());
         if held.is_empty() {
-            let Some(first) = self.first_touch(lowest, poses) else {
+            let Some(first) = self.first_touch(choice.lowest, poses) else {
                 let state = self.untouched(poses);
                 return self.check_inside(&state).map(|()| state);
             };
             level = first;
         }
-        while level < broadest {
+        while level < choice.broadest {
             held = self.finer(level, &held);
             level += 1;
         }
         let mut was_finer = false;
         loop {
-            let found = self.attempt_on(level, &held, poses, reach, most(level));
-            match found {
-                Ok(Some(state))
-                    if state.held.len() >= few(level) || level == finest || was_finer =>
-                {
+            let is_coarse = match self.attempt_on(level, &held, poses, reach, choice.most(level)) {
+                Ok(Some(state)) if was_finer || state.held.len() >= choice.fewest(level) => {
                     return Ok(state);
                 }
-                Ok(Some(_)) => {
-                    held = self.finer(level, &held);
-                    level += 1;
-                }
+                Ok(Some(_)) => true,
+                Ok(None) => false,
                 Err(Error::NotConverged { residual, .. })
-                    if level > lowest && residual.is_finite() =>
+                    if level > choice.lowest && residual.is_finite() =>
                 {
-                    was_finer = true;
-                    held = self.coarser(level, &held);
-                    level -= 1;
+                    false
                 }
                 Err(error) => return Err(error),
-                Ok(None) => {
-                    was_finer = true;
-                    held = self.coarser(level, &held);
-                    level -= 1;
-                }
+            };
+            if is_coarse {
+                held = self.finer(level, &held);
+                level += 1;
+            } else {
+                was_finer = true;
+                held = self.coarser(level, &held);
+                level -= 1;
             }
         }
+    }
+
+    /// Rule by which the level of a step is chosen.
+    fn choice(&self) -> LevelChoice {
+        let [broadest, lowest] = [true, false].map(|as_walls| self.coarsest(as_walls));
+        LevelChoice { broadest, lowest, finest: self.levels.len() - 1, resolution: self.resolution }
     }
 
     /// Finest level from `lowest` on of which some, but not many cells at rest are inside shapes at

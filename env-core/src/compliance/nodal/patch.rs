@@ -141,8 +141,8 @@ impl<'a> Patch<'a> {
                 spots.renew(grid, ranks.iter().copied(), displacement);
                 for Held { rank, force, .. } in held {
                     let spot = ranks.binary_search(rank).expect("held cells are among all");
-                    spots.give_way(grid, spot, force, displacement);
-                    spots.tell(grid, spot, force, displacement);
+                    spots.add_response(grid, spot, force, displacement);
+                    spots.update_passive(grid, spot, force, displacement);
                 }
                 (0..ranks.len()).map(|spot| spots.moved(spot, displacement)).collect()
             }
@@ -183,7 +183,12 @@ impl<'a> Patch<'a> {
     pub(super) fn catch_up(&mut self) {
         if let NodeCompliance::Grid(grid) = &self.nodes.compliance {
             for member in self.members.iter().filter(|member| member.stuck.is_some()) {
-                self.spots.tell(grid, member.spot as usize, &member.force, self.displacement);
+                self.spots.update_passive(
+                    grid,
+                    member.spot as usize,
+                    &member.force,
+                    self.displacement,
+                );
             }
         }
     }
@@ -240,7 +245,7 @@ impl<'a> Patch<'a> {
         let aim = stuck - normal * normal.dot(&(stuck - surface));
         let give = give(self.law, self.nodes.point(member.rank), &normal);
         let own = match &self.nodes.compliance {
-            NodeCompliance::Grid(grid) => self.spots.own(grid, member.spot as usize),
+            NodeCompliance::Grid(grid) => self.spots.own_compliance(grid, member.spot as usize),
             NodeCompliance::Matrix(..) => self.nodes.own(member.rank),
         };
         let compliance = own + give;
@@ -271,21 +276,21 @@ impl<'a> Patch<'a> {
             strongest = strongest.max(force.norm());
             if size > 0.0 {
                 change = change.max(size);
-                self.give_way(i, &step);
+                self.add_response(i, &step);
             }
         }
         (change, strongest)
     }
 
     /// Adds to the displacement the response to a `force` on member `i`.
-    fn give_way(&mut self, i: usize, force: &Vector3<f64>) {
+    fn add_response(&mut self, i: usize, force: &Vector3<f64>) {
         let Member { rank, spot, .. } = self.members[i];
         match &self.nodes.compliance {
             NodeCompliance::Matrix(compliance, _) => {
                 compliance.add_to(rank, force, &self.runs, self.displacement);
             }
             NodeCompliance::Grid(grid) => {
-                self.spots.give_way(grid, spot as usize, force, self.displacement);
+                self.spots.add_response(grid, spot as usize, force, self.displacement);
             }
         }
     }

@@ -37,7 +37,7 @@ pub(super) struct Spots {
     active: Vec<u32>,
     passive: Vec<u32>,
     /// Force on each cell that is included in the displacement of the passive strips (N).
-    told: Vec<Vector3<f64>>,
+    included: Vec<Vector3<f64>>,
     /// Nodes around each cell, with weights: by number, and by number among those of the rectangle
     /// that contains all (N).
     around: Vec<[(u32, f32); 4]>,
@@ -78,12 +78,12 @@ impl Spots {
             self.places.push((STRIP * last) as u32 + (cell[1] - self.strips[last][1]) as u32);
             self.around.push(grid.around(rank).map(|(node, share)| (node, share as f32)));
         }
-        let place = |(node, _): (u32, f32)| grid.edges().place(node);
+        let place = |(node, _): (u32, f32)| grid.side_compliance().place(node);
         self.coarse = Around::of(self.around.iter().flatten().map(|&part| place(part)));
         let number = |part| self.coarse.number(place(part));
         self.numbers.extend(self.around.iter().map(|around| around.map(number)));
-        self.told.clear();
-        self.told.resize(self.cells.len(), Vector3::zeros());
+        self.included.clear();
+        self.included.resize(self.cells.len(), Vector3::zeros());
         self.known.clear();
         self.known.resize(self.cells.len(), None);
         self.passive.clear();
@@ -133,7 +133,7 @@ impl Spots {
 
     /// Adds to the displacement of the active strips, and around the nodes, the response to a
     /// `force` (N) on cell `loaded`.
-    pub(super) fn give_way(
+    pub(super) fn add_response(
         &mut self,
         grid: &CellGrid,
         loaded: usize,
@@ -156,18 +156,18 @@ impl Spots {
     }
 
     /// Updates the displacement of the passive strips to the `force` (N) on a cell.
-    pub(super) fn tell(
+    pub(super) fn update_passive(
         &mut self,
         grid: &CellGrid,
         cell: usize,
         force: &Vector3<f64>,
         displacement: &mut [f32],
     ) {
-        let news = force - self.told[cell];
+        let news = force - self.included[cell];
         if news == Vector3::zeros() {
             return;
         }
-        self.told[cell] = *force;
+        self.included[cell] = *force;
         let by_layer = displacement[..3 * STRIP * self.strips.len()].as_chunks_mut().0;
         let (from, force) = (self.cells[cell], self.in_layer(cell, &news.cast()));
         vectorised(
@@ -177,7 +177,7 @@ impl Spots {
     }
 
     /// Displacement of a cell under unit forces on itself (m/N).
-    pub(super) fn own(&mut self, grid: &CellGrid, cell: usize) -> Matrix3<f64> {
+    pub(super) fn own_compliance(&mut self, grid: &CellGrid, cell: usize) -> Matrix3<f64> {
         let tilt = self.tilts[cell];
         let mut sum = tilt * matrix(&grid.layer().at([0, 0])) * tilt.transpose();
         let first = self.rows(grid, cell).start;
@@ -207,7 +207,7 @@ impl Spots {
             let first = self.rows.len();
             self.rows.resize(first + size, 0.0);
             let rows = &mut self.rows[first..];
-            grid.edges().add_rows(self.around[loaded], &self.coarse, rows);
+            grid.side_compliance().add_rows(self.around[loaded], &self.coarse, rows);
             first
         });
         self.known[loaded] = Some(first);
@@ -282,15 +282,15 @@ mod tests {
             // Half of the forces when all strips are active, the rest when few are.
             let (early, late) = forces.split_at(forces.len() / 2);
             for (k, force) in early {
-                spots.give_way(&grid, *k, force, &mut displacement);
-                spots.tell(&grid, *k, force, &mut displacement);
+                spots.add_response(&grid, *k, force, &mut displacement);
+                spots.update_passive(&grid, *k, force, &mut displacement);
             }
             spots.activate((0..ranks.len() as u32).step_by(7));
             for (k, force) in late {
-                spots.give_way(&grid, *k, force, &mut displacement);
+                spots.add_response(&grid, *k, force, &mut displacement);
             }
             for (k, force) in &forces {
-                spots.tell(&grid, *k, force, &mut displacement);
+                spots.update_passive(&grid, *k, force, &mut displacement);
             }
             let response = |loaded: u32, at: u32| -> Matrix3<f64> {
                 let (from, to) = (grid.cell(loaded), grid.cell(at));
@@ -298,7 +298,7 @@ mod tests {
                 let mut sum = layer.cast::<f64>();
                 for (from, by) in grid.around(loaded) {
                     for (to, share) in grid.around(at) {
-                        let block = matrix(&grid.edges().block(from, to));
+                        let block = matrix(&grid.side_compliance().block(from, to));
                         sum += block.cast::<f64>() * (by * share);
                     }
                 }
@@ -308,7 +308,7 @@ mod tests {
                 // The sides' influence is averaged over both cells.
                 let spread = |rank: u32| {
                     let points: Vec<_> = grid.points(rank, 3).collect();
-                    points.into_iter().flat_map(|point| grid.edges().around(&point))
+                    points.into_iter().flat_map(|point| grid.side_compliance().around(&point))
                 };
                 let averaged = |loaded: u32, at: u32| -> Matrix3<f64> {
                     let (from, to) = (grid.cell(loaded), grid.cell(at));
@@ -316,7 +316,7 @@ mod tests {
                     let mut sum = layer.cast::<f64>();
                     for (from, by) in spread(loaded) {
                         for (to, share) in spread(at) {
-                            let block = matrix(&grid.edges().block(from, to));
+                            let block = matrix(&grid.side_compliance().block(from, to));
                             sum += block.cast::<f64>() * (by * share / 81.0);
                         }
                     }
@@ -341,7 +341,7 @@ mod tests {
                 assert!(error < 1e-5 * f64::from(most), "{error} m of {most} m on level {level}");
             }
             for (k, &rank) in ranks.iter().enumerate() {
-                let (own, right) = (spots.own(&grid, k), response(rank, rank));
+                let (own, right) = (spots.own_compliance(&grid, k), response(rank, rank));
                 assert!((own - right).norm() < 1e-5 * right.norm(), "{own} instead of {right}");
             }
         }
