@@ -20,8 +20,8 @@ from stable_baselines3.common.vec_env import (
 )
 from tiny_agent import BLIND, HOLD, LIFT, TOUCH, exported, trained
 
-from ruffini.agents import Agent, load
-from ruffini.agents.sb3 import export, first_seed, from_sb3, to_sb3
+from ruffini.agents import Agent, first_seed, load
+from ruffini.agents.sb3 import export, from_sb3, to_sb3
 from ruffini.evaluation import as_policy, evaluate
 from ruffini.sb3 import AsymmetricPolicy, fields, make_vec_env, normalize
 from ruffini.video import film
@@ -274,7 +274,7 @@ def test_a_model_that_acts_through_a_wrapper_is_not_judged_without_it(tmp_path, 
     envs = VecMonitor(wrapper(make_vec_env(LIFT, 2, obs="flat", **BLIND)))
     model = PPO("MlpPolicy", envs, n_steps=32, batch_size=32, device="cpu")
     for judge in judges(model, LIFT, BLIND | {"obs": "flat"}, tmp_path):
-        with pytest.raises(ValueError, match=r"are in a (VecFrameStack|Flipped), .*evaluate_policy"):
+        with pytest.raises(ValueError, match=r"in a (VecFrameStack|Flipped), .*evaluate_policy"):
             judge()
 
 

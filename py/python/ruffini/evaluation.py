@@ -200,7 +200,7 @@ def check_wrappers(model: Any) -> None:
     Raises:
         ValueError: If there is one that may change observations or actions.
     """
-    envs = model.get_env() if hasattr(model, "get_env") else None
+    envs: Any = model.get_env() if hasattr(model, "get_env") else None
     while hasattr(envs, "venv"):
         kind = type(envs)
         ours = kind.__module__.startswith("ruffini.")

@@ -23,6 +23,7 @@ from stable_baselines3.common.vec_env import (
 
 from ruffini import __version__
 from ruffini._settings import plain
+from ruffini.agents import first_seed
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
 from ruffini.evaluation import ProgressCallback, check_wrappers, normaliser_of
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
@@ -132,16 +133,6 @@ def from_sb3(
         "normaliser": statistics,
     }
     return Agent(card, tensors)
-
-
-def first_seed(seed: int, steps: int = 0) -> int:
-    """Seed of the first environment of a run of that seed, after some steps; row i adds i.
-
-    Runs of neighbouring seeds share no episodes, and none has those of an evaluation, whose seeds
-    are below 2³².
-    """
-    drawn = int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])
-    return (1 << 32) + (drawn << 16)
 
 
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:

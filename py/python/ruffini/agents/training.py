@@ -30,9 +30,9 @@ from tqdm import tqdm
 from ruffini._schema import TACTILE_CHANNELS
 from ruffini._settings import plain, read_json
 from ruffini._spaces import MOST_STEPS, check_count
-from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint
+from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint, first_seed
 from ruffini.agents.params import Params, params
-from ruffini.agents.sb3 import first_seed, from_sb3, to_sb3
+from ruffini.agents.sb3 import from_sb3, to_sb3
 from ruffini.evaluation import about_this_run, usable_cores
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env, normalize
 
