@@ -216,6 +216,21 @@ def test_what_all_rows_are_asked_acts_on_all():
     assert envs.get_attr("label", 1) == [1]
 
 
+@pytest.mark.parametrize("name", ["mass", "friction", "max_episode_steps", "obs", "num_threads"])
+def test_settings_are_not_changed_by_attributes(name):
+    envs = VecMonitor(make_vec_env(ID, 2, tactile="none"))
+    batch = envs.venv.envs
+    for change in (
+        lambda: envs.set_attr(name, 1),
+        lambda: envs.set_attr(name, 1, indices=[0]),
+        lambda: batch.set_attr(name, 1),
+        lambda: batch.set_attr(name, [1, 1]),
+    ):
+        with pytest.raises(ValueError, match=f"^{name}: found a change of a setting, expected a n"):
+            change()
+    assert not hasattr(batch, name)
+
+
 @pytest.mark.parametrize(
     ("given", "expected"),
     [

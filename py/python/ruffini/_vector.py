@@ -309,15 +309,22 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         """Set an attribute, which all rows share.
 
         Raises:
-            ValueError: If `values` is a list or tuple of other than one equal value for each row.
+            ValueError: If `values` is a list or tuple of other than one equal value for each row,
+                or it is a setting: another value takes a new environment.
         """
         if isinstance(values, (list, tuple)):
-            if len(values) != self.num_envs or any(value != values[0] for value in values):
+            first = values[:1]
+            if len(values) != self.num_envs or not all(_same(each, *first) for each in values):
                 raise ValueError(
                     f"{name}: found {values!r}, expected one value, which all rows share"
                 )
             values = values[0]
         _rows.set_attribute(self, range(self.num_envs), name, values)
+
+
+def _same(value: Any, other: Any) -> bool:
+    """Return whether two values, arrays among them, are equal."""
+    return value is other or bool(np.array_equal(value, other))
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:

@@ -192,7 +192,8 @@ class RuffiniVecEnv(VecEnv):
         """Set an attribute of the batch, which all rows share.
 
         Raises:
-            ValueError: If only some rows are requested.
+            ValueError: If only some rows are requested, or it is a setting: another value takes a
+                new environment.
         """
         _rows.set_attribute(self.envs, self._chosen(indices), attr_name, value)
 
