@@ -13,7 +13,7 @@ from ruffini._core import Batch, Press
 from ruffini._rows import expect_row
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import to_json
-from ruffini._spaces import ClosedBatch, Renderer, Spaces
+from ruffini._spaces import NO_LIMIT, ClosedBatch, Renderer, Spaces, check_count, is_whole
 from ruffini._trained_gels import warn_of
 
 
@@ -94,6 +94,12 @@ class Native:
         """Create the batch; the number of rows, threads and the autoreset mode are set before."""
         self._obs = obs
         self._settings = settings
+        limit = settings.get("max_episode_steps")
+        # Gymnasium's word for none.
+        if is_whole(limit) and limit == -1:
+            settings["max_episode_steps"] = NO_LIMIT
+        elif limit is not None:
+            check_count("max_episode_steps", limit, NO_LIMIT)
         self._renderer = renderer
         self._batch = self._new_batch()
         if self._batch.skin() is not None:

@@ -14,10 +14,12 @@ from typing_extensions import Unpack
 
 from ruffini import _rows
 from ruffini._native import Native
+from ruffini._schema import TASKS
 from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
     MOST_THREADS,
+    NO_LIMIT,
     Camera,
     Renderer,
     RenderFrame,
@@ -75,7 +77,8 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         if spec is not None:
-            spec.max_episode_steps = spec.kwargs.get("max_episode_steps", spec.max_episode_steps)
+            limit = self._settings.get("max_episode_steps") or TASKS[self.TASK]["max_episode_steps"]
+            spec.max_episode_steps = None if limit == NO_LIMIT else limit
         self._spec = spec
 
     @classmethod
