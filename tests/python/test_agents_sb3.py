@@ -309,6 +309,9 @@ def test_fields_of_touch_are_left_out_of_the_normalisation():
     assert (envs.norm_reward, envs.gamma) == (False, 0.9) and is_vecenv_wrapped(envs, VecMonitor)
     monitored = VecMonitor(make_vec_env(HOLD, 1, **BLIND))
     assert normalize(monitored).venv is monitored
+    # Of flat observations nothing can be left out.
+    flat = normalize(make_vec_env(HOLD, 2, obs="flat", **coarse))
+    assert flat.obs_rms.mean.shape == flat.observation_space.shape
 
 
 def test_privileged_channels_reach_the_value_function_alone(tmp_path):

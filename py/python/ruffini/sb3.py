@@ -282,6 +282,9 @@ def normalize(envs: VecEnv, **kwargs: Any) -> VecNormalize:
     (:func:`fields`), which are 0 without contact, so that running statistics would scale the first
     contacts to huge values; :class:`TouchExtractor` scales them. Rewards stay as they are.
 
+    Flat observations have no channels to leave out: touch in them is normalised like the rest, its
+    first contacts to ``clip_obs``. To learn from touch, take dicts.
+
     Args:
         envs: Environments, as of :func:`make_vec_env`.
         **kwargs: As for ``VecNormalize``.
