@@ -13,6 +13,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
+from ruffini import _rows
 from ruffini.envs import GraspLiftEnv
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
@@ -138,6 +139,8 @@ def test_reads_of_some_rows_are_those_rows_own():
         for name in ("observation_space", "action_space", "render_mode"):
             assert envs.get_attr(name, rows) == singles.get_attr(name, asked), (name, rows)
     assert envs.env_method("look", indices=[]) == []
+    for name in _rows._METHODS:
+        assert f"``{name}``" in envs.env_method.__doc__, name
     assert [image.shape for image in envs.get_images()] == [(48, 64, 3)] * 3
     # As the batch returns without the adapter.
     assert list(envs.envs.call("look")) == singles.env_method("look")

@@ -258,6 +258,8 @@ def test_what_is_of_a_row_is_that_of_the_row_by_any_name():
     of_row = {name for name in methods if "row" in signature(getattr(envs, name)).parameters}
     # `render` is that of a row.
     assert of_row - {"picture"} == {"look", "surfaces", "presses"} <= set(_rows._METHODS)
+    for name in _rows._METHODS:
+        assert f"``{name}``" in type(envs).call.__doc__, name
 
 
 def test_attributes_are_got_and_set_for_all_rows():

@@ -141,9 +141,10 @@ class Native:
 
         Each has a name, its number of runs and its time (µs) in a step of one environment: means
         since the environment was created or restored, or since the last call with `forget`. Stages:
-        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model`` (all
-        presses of a batch in one call), ``correction`` (feedback of the solutions to the rigid
-        bodies), ``peak stress`` (of GraspFragile), each channel, ``reward``.
+        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model surrogate``
+        and the like (all presses of a batch in one call), ``correction`` (feedback of the solutions
+        to the rigid bodies), ``peak stress`` (of GraspFragile), ``channel proprio`` and so on,
+        ``reward``.
         """
         return self._batch.plan(forget)
 

@@ -296,9 +296,9 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Value of attribute `name`, or result of method `name`, for each row.
 
-        ``look``, ``surfaces``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are
-        called for each row, ``set_state`` takes one state for all rows or a list with one for each,
-        ``step`` raises an error, and any other method is called once for the batch.
+        ``look``, ``surfaces``, ``presses``, ``state``, ``render``, ``reset``, ``channels`` and
+        ``skin`` are called for each row, ``set_state`` takes one state for all rows or a list with
+        one for each, ``step`` raises an error, and any other method is called once for the batch.
         """
         if callable(getattr(self, name)):
             return tuple(_rows.call(self, range(self.num_envs), name, *args, **kwargs))
