@@ -22,9 +22,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ruffini.agents import CHECKPOINT, load
+from ruffini.agents import CHECKPOINT, first_seed, load
 from ruffini.agents.params import params
-from ruffini.agents.sb3 import first_seed
 from ruffini.agents.training import train
 from ruffini.evaluation import about_this_run, evaluate
 from study_pages import write_pages

@@ -26,6 +26,7 @@ from torch import Tensor, nn
 from torch.distributions import Independent, Normal
 
 import ruffini  # noqa: F401  registers the environments
+from ruffini.agents import first_seed
 from ruffini.evaluation import evaluate, line
 
 ROLLOUT, BATCH, EPOCHS = 32, 256, 8
@@ -119,12 +120,13 @@ class Rollouts:
     Args:
         envs: Environments that are reset in the step in which an episode ends.
         agent: Agent; its normalisation learns from what is seen.
-        seed: Seed of the first environment.
+        seed: Seed of the run.
     """
 
     def __init__(self, envs: gym.vector.VectorEnv[Any, Any, Any], agent: Agent, seed: int) -> None:
         self.envs, self.agent = envs, agent
-        raw, _ = envs.reset(seed=seed)
+        # Row i adds i: runs of neighbouring seeds share no episodes.
+        raw, _ = envs.reset(seed=first_seed(seed))
         agent.learn_scale(raw)
         self.observation = agent.normal(raw)
         self.successes: list[bool] = []

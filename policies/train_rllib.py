@@ -48,13 +48,22 @@ from ray.rllib.connectors.env_to_module import MeanStdFilter
 from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
 
 import ruffini  # noqa: F401  registers the environments
+from ruffini.agents import first_seed
 
 ROLLOUT = 32
 """Steps of each environment between updates."""
 
 
 class Success(RLlibCallback):  # type: ignore[misc]
-    """Counts episodes that ended in success."""
+    """Counts episodes that ended in success, and seeds runners so that they share none."""
+
+    def on_environment_created(self, *, env_runner: Any, **rest: Any) -> None:
+        """Gives a runner seeds of its own: RLlib's are 1 apart, and row i of a batch adds i."""
+        config = env_runner.config
+        if not config.in_evaluation:
+            rows = (env_runner.worker_index or 0) * config.num_envs_per_env_runner
+            # What RLlib passes to the first reset.
+            env_runner._seed = first_seed(config.seed) + rows
 
     def on_episode_end(self, *, episode: Any, metrics_logger: Any, **rest: Any) -> None:
         """Logs whether the episode succeeded."""

@@ -51,6 +51,7 @@ from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
 import ruffini  # noqa: F401  registers the environments
+from ruffini.agents import first_seed
 from ruffini.evaluation import evaluate, line
 
 ROLLOUT, BATCH, EPOCHS = 32, 256, 8
@@ -147,7 +148,8 @@ def train(envs: gym.vector.VectorEnv[Any, Any, Any], steps: int, seed: int) -> A
     env = TransformedEnv(GymWrapper(envs), RewardSum())
     agent = Agent(env.observation_spec["observation"].shape[-1], env.action_spec.shape[-1])
     env.append_transform(agent.normalised)
-    env.set_seed(seed)
+    # Row i adds i: runs of neighbouring seeds share no episodes.
+    env.set_seed(first_seed(seed))
     advantage = GAE(gamma=0.95, lmbda=0.95, value_network=agent.critic)
     losses = ClipPPOLoss(
         agent.actor,

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -197,6 +198,94 @@ def test_an_interrupt_keeps_what_was_learnt(tmp_path, monkeypatch, capsys):
     assert agents.load(tmp_path).card["steps"] == 768
 
 
+@pytest.fixture
+def saves(monkeypatch):
+    """Steps at which checkpoints are saved by runs of 256 steps a rollout, and what a test adds.
+
+    ``saves.after`` has what is done after a number of rollouts.
+    """
+    sb3 = pytest.importorskip("stable_baselines3")
+    from ruffini.agents import training
+
+    class Saves(list):
+        after = {}
+
+    found, save, train = Saves(), training.RunMonitor.save, sb3.PPO.train
+
+    def noted(monitor):
+        save(monitor)
+        found.append(monitor.num_timesteps)
+
+    def then(model):
+        train(model)
+        found.after.get(model.num_timesteps // 256, lambda: None)()
+
+    monkeypatch.setattr(training.RunMonitor, "save", noted)
+    monkeypatch.setattr(sb3.PPO, "train", then)
+    return found
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+RIGID = ["train", "GraspLift", "--settings", '{"tactile": "none"}', *EIGHT, "--steps", 25600]
+
+
+def test_a_run_saves_at_its_start_and_once_in_a_while(saves, tmp_path, monkeypatch):
+    from ruffini.agents import training
+
+    saves.after = {3: interrupt}
+    assert command(*RIGID, "--out", tmp_path / "seldom") == 130
+    assert saves == [0, 768]
+    saves.clear()
+    monkeypatch.setattr(training, "SAVE_EVERY", 0.0)
+    assert command(*RIGID, "--out", tmp_path / "often") == 130
+    assert saves == [0, 256, 512, 768, 768]
+
+
+def test_a_signal_has_a_checkpoint_saved(saves, tmp_path, capsys):
+    before = [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1)]
+    send = {
+        1: lambda: os.kill(os.getpid(), signal.SIGUSR1),
+        3: lambda: os.kill(os.getpid(), signal.SIGTERM),
+    }
+    saves.after = send
+    assert command(*RIGID, "--out", tmp_path) == 130
+    # The second rollout is whole; the fourth ends at its first step, of eight environments.
+    assert saves == [0, 512, 776]
+    assert "--resume goes on from the last checkpoint" in capsys.readouterr().err
+    assert agents.load(tmp_path).card["steps"] == 776
+    assert before == [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGUSR1)]
+
+
+def test_a_run_that_was_killed_before_it_learnt_is_resumed_or_begun(run, tmp_path, capsys, saves):
+    folder = tmp_path / "killed"
+
+    def killed():
+        raise SystemExit("killed")
+
+    saves.after = {1: killed}
+    words = ["train", "HoldStill", *EIGHT, "--out", folder, "--steps"]
+    with pytest.raises(SystemExit, match="killed"):
+        command(*words, 25600, "--from", run, "--settings", '{"load": 0.5}')
+    before = agents.load(run).card["steps"]
+    assert agents.load(folder).card["steps"] == before
+    saves.after = {}
+    assert command(*words, 256, "--resume") == 0
+    agent = agents.load(folder)
+    assert agent.card["steps"] == before + 256 and agent.settings == COARSE | {"load": 0.5}
+    # Killed before its first checkpoint, or never begun.
+    for kept in ([agents.RUN], []):
+        shutil.rmtree(folder / "checkpoint")
+        if not kept:
+            (folder / agents.RUN).unlink()
+        capsys.readouterr()
+        assert command(*words, 256, "--resume", "--settings", json.dumps(COARSE)) == 0
+        assert "killed: nothing to go on with, a new run" in capsys.readouterr().out
+        assert agents.load(folder).card["steps"] == 256
+
+
 def test_evaluate_takes_task_and_settings_from_the_run(run, tmp_path, capsys):
     file = tmp_path / "result.json"
     assert command("evaluate", run, "--episodes", 3, "--seed", 5, "--json", file) == 0
@@ -305,7 +394,6 @@ def test_a_flat_agent_is_trained_further(tmp_path):
         (["train", "HoldStill", "--settings", '{"lod": 1}'], "'lod', did you mean 'load'?"),
         (["train", "HoldStill", "--settings", '{"load": -1}'], "load: "),
         (["train", "HoldStill", "--from", "GraspLft"], "did you mean 'GraspLift'?"),
-        (["train", "HoldStill", "--resume", "--out", "RUNS/shrt"], "did you mean 'RUNS/short'?"),
         (["train", "HoldStill", "--out", "FILE"], "File exists"),
         (["evaluate", "scritped"], "'scritped', did you mean 'scripted'? expected trained"),
         (["evaluate", "GrapsLift"], "'GrapsLift', did you mean 'GraspLift'?"),

@@ -10,11 +10,18 @@ pytest.importorskip("stable_baselines3")
 import torch
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.torch_layers import CombinedExtractor
-from stable_baselines3.common.vec_env import VecMonitor, VecNormalize, is_vecenv_wrapped
+from stable_baselines3.common.vec_env import (
+    VecCheckNan,
+    VecEnvWrapper,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+    is_vecenv_wrapped,
+)
 from tiny_agent import BLIND, HOLD, LIFT, TOUCH, exported, trained
 
-from ruffini.agents import Agent, load
-from ruffini.agents.sb3 import export, first_seed, from_sb3, to_sb3
+from ruffini.agents import Agent, first_seed, load
+from ruffini.agents.sb3 import export, from_sb3, to_sb3
 from ruffini.evaluation import as_policy, evaluate
 from ruffini.sb3 import AsymmetricPolicy, fields, make_vec_env, normalize
 from ruffini.video import film
@@ -200,12 +207,81 @@ def test_a_model_is_judged_on_observations_normalised_as_in_training(tmp_path, o
         lambda: evaluate(alone, LIFT, 3, **settings),
         lambda: from_sb3(alone, None, **about),
     ):
-        with pytest.raises(ValueError, match="so normalised, and no VecNormalize with it; expect"):
+        with pytest.raises(ValueError, match="normalised observations, and no VecNormalize with"):
             judge()
     both = VecNormalize.load(tmp_path / "model.pkl", envs)
     again = PPO.load(tmp_path / "model.zip", both, device="cpu")
     assert off(as_policy(again)) <= ROUNDING
     assert evaluate(again, LIFT, 3, **settings) == evaluate(model, LIFT, 3, **settings)
+
+
+class Flipped(VecEnvWrapper):
+    """Turns actions round."""
+
+    def reset(self):
+        return self.venv.reset()
+
+    def step_async(self, actions):
+        self.venv.step_async(-actions)
+
+    def step_wait(self):
+        return self.venv.step_wait()
+
+
+def judges(model, env_id, settings, folder):
+    """All that judge a model."""
+    about = {"seed": 0, "threads": 1, "commit": "", "env_id": env_id, "settings": settings}
+    return [
+        lambda: evaluate(model, env_id, 2, **settings),
+        lambda: film(model, env_id, folder / "a.gif", range(1), **settings),
+        lambda: export(model, None, folder / "a.safetensors", **about),
+        lambda: export(model, model.get_env(), folder / "a.safetensors", **about),
+    ]
+
+
+@pytest.mark.parametrize("source", ["learnt", "from an agent"])
+def test_a_model_that_lost_its_normaliser_is_not_judged(tmp_path, source):
+    file = tmp_path / "model.zip"
+    model, _ = trained(LIFT, BLIND)
+    if source == "from an agent":
+        about = {"seed": 0, "threads": 1, "commit": "", "env_id": LIFT, "settings": BLIND}
+        model = to_sb3(from_sb3(model, None, **about))
+    model.save(file)
+    for envs, found in (
+        (make_vec_env(LIFT, 2, **BLIND), "normalised observations, and no VecNormalize with it"),
+        (normalize(make_vec_env(LIFT, 2, **BLIND)), "128 steps with a VecNormalize that has seen"),
+    ):
+        for judge in judges(PPO.load(file, envs, device="cpu"), LIFT, BLIND, tmp_path):
+            with pytest.raises(ValueError, match=f"^policy: found a model (of|trained on) {found}"):
+                judge()
+    bare = VecNormalize(make_vec_env(LIFT, 2, **BLIND), norm_obs=False)
+    assert evaluate(PPO.load(file, bare, device="cpu"), LIFT, 2, **BLIND)["episodes"] == 2
+
+
+def test_a_model_whose_rewards_alone_were_normalised_is_judged_with_and_without(tmp_path):
+    envs = VecNormalize(make_vec_env(LIFT, 2, seed=0, **BLIND), norm_obs=False)
+    model = PPO("MultiInputPolicy", envs, n_steps=32, batch_size=32, device="cpu").learn(64)
+    told = evaluate(model, LIFT, 2, **BLIND)
+    model.save(tmp_path / "model.zip")
+    again = PPO.load(tmp_path / "model.zip", envs, device="cpu")
+    assert evaluate(again, LIFT, 2, **BLIND) == told
+
+
+@pytest.mark.parametrize(
+    "wrapper", [lambda envs: VecFrameStack(envs, 2), Flipped], ids=["frames", "actions"]
+)
+def test_a_model_that_acts_through_a_wrapper_is_not_judged_without_it(tmp_path, wrapper):
+    envs = VecMonitor(wrapper(make_vec_env(LIFT, 2, obs="flat", **BLIND)))
+    model = PPO("MlpPolicy", envs, n_steps=32, batch_size=32, device="cpu")
+    for judge in judges(model, LIFT, BLIND | {"obs": "flat"}, tmp_path):
+        with pytest.raises(ValueError, match=r"in a (VecFrameStack|Flipped), .*evaluate_policy"):
+            judge()
+
+
+def test_wrappers_that_change_nothing_are_no_matter():
+    envs = VecCheckNan(VecMonitor(make_vec_env(LIFT, 2, **BLIND)))
+    model = PPO("MultiInputPolicy", envs, n_steps=32, batch_size=32, device="cpu")
+    assert evaluate(model, LIFT, 2, **BLIND)["episodes"] == 2
 
 
 def test_a_model_of_other_observations_is_told_what_it_was_trained_on(tmp_path):
@@ -233,6 +309,9 @@ def test_fields_of_touch_are_left_out_of_the_normalisation():
     assert (envs.norm_reward, envs.gamma) == (False, 0.9) and is_vecenv_wrapped(envs, VecMonitor)
     monitored = VecMonitor(make_vec_env(HOLD, 1, **BLIND))
     assert normalize(monitored).venv is monitored
+    # Of flat observations nothing can be left out.
+    flat = normalize(make_vec_env(HOLD, 2, obs="flat", **coarse))
+    assert flat.obs_rms.mean.shape == flat.observation_space.shape
 
 
 def test_privileged_channels_reach_the_value_function_alone(tmp_path):
@@ -269,10 +348,12 @@ def test_privileged_channels_reach_the_value_function_alone(tmp_path):
     assert from_sb3(further, further.get_vec_normalize_env(), env_id=HOLD, settings=asked, **about)
 
 
-@pytest.mark.parametrize("privileged", [["wrench"], ["object", "proprio"]])
+@pytest.mark.parametrize("privileged", [["wrench"], ["object", "proprio"], []])
 def test_privileged_channels_are_some_of_the_observed_ones(privileged):
     envs = make_vec_env(HOLD, 1, tactile="none", observation=["object", "proprio"], obs="dict")
-    with pytest.raises(ValueError, match=f"privileged: found {', '.join(privileged)}, expected"):
+    with pytest.raises(
+        ValueError, match=f"privileged: found {', '.join(privileged) or 'none'}, exp"
+    ):
         PPO(AsymmetricPolicy, envs, policy_kwargs={"privileged": privileged}, device="cpu")
 
 

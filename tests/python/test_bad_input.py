@@ -177,7 +177,7 @@ def test_finite_actions_beyond_float32_count_as_the_nearer_bound():
         ({"nonsense": 1}, ["nonsense", "mass"]),
         ({"width": 5}, ["width", "5", "16 to 4096"]),
         ({"max_episode_steps": 0}, ["max_episode_steps", "0", "1 to 1000000"]),
-        ({"max_episode_steps": "x"}, ['found string "x", expected a whole number from 0']),
+        ({"max_episode_steps": "x"}, ["found 'x', expected a whole number from 1"]),
         ({"sensor_errors": {"markers": 3}}, ["markers: found integer `3`, expected a mapping"]),
         (
             {"sensor_errors": {"markers": {"noise": {"markers": 1e-5}}}},

@@ -10,6 +10,7 @@ import pytest
 
 from ruffini import evaluation
 from ruffini.evaluation import FIRST_SEED, about_this_run, bootstrap, evaluate, line, wilson
+from ruffini.video import film
 
 LIFT = "ruffini/GraspLift-v0"
 SHORT = {"tactile": "none", "max_episode_steps": 7}
@@ -79,6 +80,11 @@ def test_what_is_no_policy_is_told_what_one_needs(policy):
 def test_a_wrong_number_of_episodes_is_named(episodes):
     with pytest.raises(ValueError, match=f"episodes: found {episodes}, expected a whole number"):
         evaluate(Still(), LIFT, episodes, **SHORT)
+
+
+def test_a_film_needs_an_episode(tmp_path):
+    with pytest.raises(ValueError, match="seeds: found none, expected at"):
+        film(Still(), LIFT, tmp_path / "a.gif", seeds=[], **SHORT)
 
 
 def test_every_early_ending_is_counted_once():

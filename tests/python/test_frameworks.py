@@ -5,7 +5,9 @@ from __future__ import annotations
 import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import gymnasium as gym
 import pytest
@@ -122,6 +124,58 @@ def test_a_script_refuses_what_it_cannot_train_with_in_a_line(name, monkeypatch,
             runpy.run_path(script, run_name="__main__")
         assert stop.value.code == 2
         assert told in capsys.readouterr().err.splitlines()[-1]
+
+
+class Seeded(gym.vector.VectorWrapper):
+    """Keeps the seed of its first reset."""
+
+    seed: int | None = None
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> Any:
+        self.seed = seed if self.seed is None else self.seed
+        return self.env.reset(seed=seed, options=options)
+
+
+def test_neighbouring_seeds_of_the_one_file_share_no_episodes():
+    pytest.importorskip("torch")
+    cleanrl = runpy.run_path(str(POLICIES / "train_cleanrl.py"))
+    made = {"num_envs": 4, "obs": "flat", "tactile": "none", "autoreset_mode": "SameStep"}
+    firsts = []
+    for seed in (100, 101):
+        envs = Seeded(gym.make_vec(ID, **made))
+        cleanrl["Rollouts"](envs, cleanrl["Agent"](envs.single_observation_space.shape[0], 5), seed)
+        firsts.append(envs.seed)
+    assert abs(firsts[0] - firsts[1]) >= 4 and min(firsts) >= 1 << 32, firsts
+
+
+def test_runners_of_rllib_have_rows_of_their_own(monkeypatch):
+    # What the callback reads of a runner, where Ray is not installed.
+    for name in (
+        "ray",
+        "ray.rllib",
+        "ray.rllib.algorithms",
+        "ray.rllib.algorithms.ppo",
+        "ray.rllib.callbacks",
+        "ray.rllib.callbacks.callbacks",
+        "ray.rllib.connectors",
+        "ray.rllib.connectors.env_to_module",
+        "ray.rllib.core",
+        "ray.rllib.core.rl_module",
+        "ray.rllib.core.rl_module.default_model_config",
+    ):
+        module = MagicMock(RLlibCallback=object)
+        monkeypatch.setitem(sys.modules, name, module)
+    callback = runpy.run_path(str(POLICIES / "train_rllib.py"))["Success"]()
+    rows: list[int] = []
+    for seed, worker in ((100, 1), (100, 2), (101, 1), (101, 2)):
+        config = SimpleNamespace(seed=seed, in_evaluation=False, num_envs_per_env_runner=64)
+        runner = SimpleNamespace(config=config, worker_index=worker, _seed=seed + worker)
+        callback.on_environment_created(env_runner=runner, env=None, env_context={})
+        rows += range(runner._seed, runner._seed + 64)
+    assert len(set(rows)) == len(rows) == 256
+    runner.config.in_evaluation, runner._seed = True, 7
+    callback.on_environment_created(env_runner=runner)
+    assert runner._seed == 7
 
 
 def test_advantages_of_the_one_file_agree_with_stable_baselines3():

@@ -13,6 +13,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
+from ruffini import _rows
 from ruffini.envs import GraspLiftEnv
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
@@ -138,6 +139,8 @@ def test_reads_of_some_rows_are_those_rows_own():
         for name in ("observation_space", "action_space", "render_mode"):
             assert envs.get_attr(name, rows) == singles.get_attr(name, asked), (name, rows)
     assert envs.env_method("look", indices=[]) == []
+    for name in _rows._METHODS:
+        assert f"``{name}``" in envs.env_method.__doc__, name
     assert [image.shape for image in envs.get_images()] == [(48, 64, 3)] * 3
     # As the batch returns without the adapter.
     assert list(envs.envs.call("look")) == singles.env_method("look")
@@ -214,6 +217,21 @@ def test_what_all_rows_are_asked_acts_on_all():
     envs.set_attr("label", 1)
     assert envs.get_attr("label") == [1] * 2
     assert envs.get_attr("label", 1) == [1]
+
+
+@pytest.mark.parametrize("name", ["mass", "friction", "max_episode_steps", "obs", "num_threads"])
+def test_settings_are_not_changed_by_attributes(name):
+    envs = VecMonitor(make_vec_env(ID, 2, tactile="none"))
+    batch = envs.venv.envs
+    for change in (
+        lambda: envs.set_attr(name, 1),
+        lambda: envs.set_attr(name, 1, indices=[0]),
+        lambda: batch.set_attr(name, 1),
+        lambda: batch.set_attr(name, [1, 1]),
+    ):
+        with pytest.raises(ValueError, match=f"^{name}: found a change of a setting, expected a n"):
+            change()
+    assert not hasattr(batch, name)
 
 
 @pytest.mark.parametrize(

@@ -258,6 +258,8 @@ def test_what_is_of_a_row_is_that_of_the_row_by_any_name():
     of_row = {name for name in methods if "row" in signature(getattr(envs, name)).parameters}
     # `render` is that of a row.
     assert of_row - {"picture"} == {"look", "surfaces", "presses"} <= set(_rows._METHODS)
+    for name in _rows._METHODS:
+        assert f"``{name}``" in type(envs).call.__doc__, name
 
 
 def test_attributes_are_got_and_set_for_all_rows():
@@ -266,9 +268,31 @@ def test_attributes_are_got_and_set_for_all_rows():
     envs.set_attr("note", 5)
     envs.set_attr("note", [6, 6, 6])
     assert envs.get_attr("note") == (6, 6, 6)
-    for values in ([1, 2, 3], [1, 1]):
+    for values in ([1, 2, 3], [1, 1], [], [np.zeros(2), np.ones(2), np.zeros(2)]):
         with pytest.raises(ValueError, match=r"note: found .*, expected one value, which all rows"):
             envs.set_attr("note", values)
+    for values in (np.arange(2), [np.arange(2)] * 3, tuple(np.arange(2) for _ in range(3))):
+        envs.set_attr("note", values)
+        np.testing.assert_array_equal(envs.get_attr("note"), [[0, 1]] * 3)
+
+
+def test_a_batch_has_the_time_limit_that_make_gives_a_single_environment():
+    settings = {"tactile": "none", "observation": "time"}
+    for given, limit, steps in ((None, 100, 100), (3, 3, 3), (-1, None, None)):
+        envs = gym.make_vec("ruffini/GraspLift-v0", max_episode_steps=given, **settings)
+        again = gym.make_vec(envs.spec)
+        alone = gym.make("ruffini/GraspLift-v0", max_episode_steps=given, **settings)
+        for env in (envs, again, alone):
+            assert env.spec.max_episode_steps == limit, (given, env)
+            env.reset(seed=0)
+        ends = [envs.step(np.zeros((1, 5)))[3].any() for _ in range(105)]
+        assert (ends.index(True) + 1 if any(ends) else None) == steps, given
+    for wrong in (0, -2, 1.5, True):
+        for make in (GraspLiftVectorEnv, GraspLiftEnv):
+            with pytest.raises(
+                ValueError, match=f"max_episode_steps: found {wrong}, expected a wh"
+            ):
+                make(max_episode_steps=wrong, **settings)
 
 
 def test_an_ended_row_must_be_reset_when_autoreset_is_disabled():

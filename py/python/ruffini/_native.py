@@ -13,7 +13,7 @@ from ruffini._core import Batch, Press
 from ruffini._rows import expect_row
 from ruffini._schema import ENDINGS, TASKS, specification
 from ruffini._settings import to_json
-from ruffini._spaces import ClosedBatch, Renderer, Spaces
+from ruffini._spaces import NO_LIMIT, ClosedBatch, Renderer, Spaces, check_count, is_whole
 from ruffini._trained_gels import warn_of
 
 
@@ -94,6 +94,12 @@ class Native:
         """Create the batch; the number of rows, threads and the autoreset mode are set before."""
         self._obs = obs
         self._settings = settings
+        limit = settings.get("max_episode_steps")
+        # Gymnasium's word for none.
+        if is_whole(limit) and limit == -1:
+            settings["max_episode_steps"] = NO_LIMIT
+        elif limit is not None:
+            check_count("max_episode_steps", limit, NO_LIMIT)
         self._renderer = renderer
         self._batch = self._new_batch()
         if self._batch.skin() is not None:
@@ -143,9 +149,10 @@ class Native:
 
         Each has a name, its number of runs and its time (µs) in a step of one environment: means
         since the environment was created or restored, or since the last call with `forget`. Stages:
-        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model`` (all
-        presses of a batch in one call), ``correction`` (feedback of the solutions to the rigid
-        bodies), ``peak stress`` (of GraspFragile), each channel, ``reward``.
+        ``scene`` (Rapier), ``press`` (contact detection, creation of presses), ``model surrogate``
+        and the like (all presses of a batch in one call), ``correction`` (feedback of the solutions
+        to the rigid bodies), ``peak stress`` (of GraspFragile), ``channel proprio`` and so on,
+        ``reward``.
         """
         return self._batch.plan(forget)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ruffini._schema import SETTINGS
 from ruffini._spaces import Camera, check_options, is_whole
 
 if TYPE_CHECKING:
@@ -71,8 +72,11 @@ def set_attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str, value: 
     """Set an attribute, which all rows share.
 
     Raises:
-        ValueError: If `rows` are not all rows.
+        ValueError: If `rows` are not all rows, or it is a setting, which is read once.
     """
+    if name in SETTINGS or (name in envs._ARGUMENTS and not hasattr(envs, name)):
+        expected = f"a new environment that is made with {name}=..."
+        raise ValueError(f"{name}: found a change of a setting, expected {expected}")
     _expect_all(envs, rows, name)
     setattr(envs, _SINGLE.get(name, name), value)
 

@@ -14,10 +14,12 @@ from typing_extensions import Unpack
 
 from ruffini import _rows
 from ruffini._native import Native
+from ruffini._schema import TASKS
 from ruffini._settings import Settings
 from ruffini._spaces import (
     ACTION_SIZE,
     MOST_THREADS,
+    NO_LIMIT,
     Camera,
     Renderer,
     RenderFrame,
@@ -75,7 +77,8 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
         if spec is not None:
-            spec.max_episode_steps = spec.kwargs.get("max_episode_steps", spec.max_episode_steps)
+            limit = self._settings.get("max_episode_steps") or TASKS[self.TASK]["max_episode_steps"]
+            spec.max_episode_steps = None if limit == NO_LIMIT else limit
         self._spec = spec
 
     @classmethod
@@ -293,9 +296,9 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Value of attribute `name`, or result of method `name`, for each row.
 
-        ``look``, ``surfaces``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are
-        called for each row, ``set_state`` takes one state for all rows or a list with one for each,
-        ``step`` raises an error, and any other method is called once for the batch.
+        ``look``, ``surfaces``, ``presses``, ``state``, ``render``, ``reset``, ``channels`` and
+        ``skin`` are called for each row, ``set_state`` takes one state for all rows or a list with
+        one for each, ``step`` raises an error, and any other method is called once for the batch.
         """
         if callable(getattr(self, name)):
             return tuple(_rows.call(self, range(self.num_envs), name, *args, **kwargs))
@@ -309,15 +312,22 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         """Set an attribute, which all rows share.
 
         Raises:
-            ValueError: If `values` is a list or tuple of other than one equal value for each row.
+            ValueError: If `values` is a list or tuple of other than one equal value for each row,
+                or it is a setting: another value takes a new environment.
         """
         if isinstance(values, (list, tuple)):
-            if len(values) != self.num_envs or any(value != values[0] for value in values):
+            first = values[:1]
+            if len(values) != self.num_envs or not all(_same(each, *first) for each in values):
                 raise ValueError(
                     f"{name}: found {values!r}, expected one value, which all rows share"
                 )
             values = values[0]
         _rows.set_attribute(self, range(self.num_envs), name, values)
+
+
+def _same(value: Any, other: Any) -> bool:
+    """Return whether two values, arrays among them, are equal."""
+    return value is other or bool(np.array_equal(value, other))
 
 
 def _masked(info: Mapping[str, Any], rows: NDArray[np.bool_]) -> dict[str, Any]:

@@ -30,6 +30,7 @@ __all__ = [
     "about_this_run",
     "as_policy",
     "bootstrap",
+    "check_wrappers",
     "evaluate",
     "line",
     "normaliser_of",
@@ -108,10 +109,12 @@ def evaluate(
     Raises:
         TypeError: If `policy` is neither.
         ValueError: If `episodes` is no whole number from 1, a setting is invalid, or the model was
-            trained on other observations.
+            trained on other observations, in a wrapper that changes them or actions, or with a
+            ``VecNormalize`` that it has no more.
     """
     check_count("episodes", episodes)
-    as_policy(policy)
+    _check_acts(policy)
+    check_wrappers(policy)
     envs = gym.make_vec(
         env_id, num_envs=episodes, autoreset_mode=AutoresetMode.DISABLED, **settings
     )
@@ -167,14 +170,13 @@ def as_policy(policy: Any, space: gym.Space[Any] | None = None) -> Policy:
 
     Raises:
         TypeError: If `policy` is neither.
-        ValueError: If a model was trained on observations of another space, or normalised by a
-            ``VecNormalize`` that it was loaded without.
+        ValueError: If a model was trained on observations of another space, in a wrapper that is
+            left out here, or normalised by a ``VecNormalize`` that it was loaded without.
     """
-    if isinstance(policy, type) or not (hasattr(policy, "predict") or callable(policy)):
-        expected = "a policy with predict(observation, state, ...), or a function of observations"
-        raise TypeError(f"policy: found {policy!r}, expected {expected} that returns actions")
+    _check_acts(policy)
     if not hasattr(policy, "predict"):
         return ScriptedPolicy(lambda observation, state: (policy(observation), state))
+    check_wrappers(policy)
     trained = getattr(policy, "observation_space", None)
     if space is not None and isinstance(trained, gym.Space):
         _check_same(trained, space)
@@ -182,26 +184,80 @@ def as_policy(policy: Any, space: gym.Space[Any] | None = None) -> Policy:
     return cast("Policy", policy) if normaliser is None else _Normalising(policy, normaliser)
 
 
-def normaliser_of(model: Any) -> Any:
-    """``VecNormalize`` with which a model of Stable-Baselines3 sees observations, or ``None``.
+def _check_acts(policy: Any) -> None:
+    if isinstance(policy, type) or not (hasattr(policy, "predict") or callable(policy)):
+        expected = "a policy with predict(observation, state, ...), or a function of observations"
+        raise TypeError(f"policy: found {policy!r}, expected {expected} that returns actions")
+
+
+_TRANSPARENT = ("VecMonitor", "VecNormalize", "VecCheckNan", "VecVideoRecorder")
+"""Wrappers of Stable-Baselines3 without which a model acts the same, or that are accounted for."""
+
+
+def check_wrappers(model: Any) -> None:
+    """Check that a model of Stable-Baselines3 acts the same without its environments' wrappers.
 
     Raises:
-        ValueError: If it was trained on normalised observations, and loaded without.
+        ValueError: If there is one that may change observations or actions.
+    """
+    envs: Any = model.get_env() if hasattr(model, "get_env") else None
+    while hasattr(envs, "venv"):
+        kind = type(envs)
+        ours = kind.__module__.startswith("ruffini.")
+        theirs = kind.__module__.startswith("stable_baselines3.") and kind.__name__ in _TRANSPARENT
+        if not (ours or theirs):
+            raise ValueError(
+                f"policy: found a model whose environments are in a {kind.__name__}, which is left "
+                f"out here, expected none but {' and '.join(_TRANSPARENT[:2])}: judge it by "
+                "stable_baselines3.common.evaluation.evaluate_policy(model, model.get_env()), or "
+                "pass a function of observations that does what the wrapper does"
+            )
+        envs = envs.venv
+
+
+def normaliser_of(model: Any, given: Any = None) -> Any:
+    """``VecNormalize`` with which a model of Stable-Baselines3 sees observations, or ``None``.
+
+    Args:
+        model: The model.
+        given: A ``VecNormalize`` in place of that of the model's environments.
+
+    Raises:
+        ValueError: If it was trained on normalised observations, and has no ``VecNormalize``, or
+            one that has seen nothing.
     """
     if not hasattr(model, "get_vec_normalize_env"):
-        return None
-    normaliser = model.get_vec_normalize_env()
-    if normaliser is not None:
-        return normaliser if normaliser.norm_obs else None
-    # What it saw last is saved with a model; environments keep to the bounds of their space.
+        return given
+    normaliser = model.get_vec_normalize_env() if given is None else given
+    if normaliser is None and _has_seen_normalised(model):
+        found = "a model trained on normalised observations, and no VecNormalize with it"
+    elif normaliser is not None and model.num_timesteps > 0 and _is_fresh(normaliser):
+        found = f"a model of {model.num_timesteps} steps with a VecNormalize that has seen none"
+    else:
+        return normaliser if normaliser is not None and normaliser.norm_obs else None
+    raise ValueError(
+        f"policy: found {found}, expected that of its training: PPO.load(file, "
+        'env=VecNormalize.load("statistics.pkl", envs)) after envs.save("statistics.pkl"); if it '
+        "scaled rewards alone, VecNormalize(envs, norm_obs=False)"
+    )
+
+
+def _has_seen_normalised(model: Any) -> bool:
+    # `learn` leaves the first original observations in a model whose environments normalise, and
+    # they are saved with it. The last observations are not kept by `load(file, env=...)`.
     last = getattr(model, "_last_obs", None)
-    if last is not None and not _within(last, model.observation_space):
-        raise ValueError(
-            "policy: found a model trained on observations beyond the bounds of its channels, so "
-            "normalised, and no VecNormalize with it; expected both: PPO.load(file, "
-            'env=VecNormalize.load("statistics.pkl", envs)) after envs.save("statistics.pkl")'
-        )
-    return None
+    beyond = last is not None and not _within(last, model.observation_space)
+    return beyond or getattr(model, "_last_original_obs", None) is not None
+
+
+def _is_fresh(normaliser: Any) -> bool:
+    """Return whether statistics of observations are as they were made."""
+    if not normaliser.norm_obs:
+        return False
+    found = normaliser.obs_rms
+    running = list(found.values()) if isinstance(found, dict) else [found]
+    fresh = (np.all(each.mean == 0.0) and np.all(each.var == 1.0) for each in running)
+    return bool(running) and all(fresh)
 
 
 class _Normalising:

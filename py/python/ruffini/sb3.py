@@ -192,7 +192,8 @@ class RuffiniVecEnv(VecEnv):
         """Set an attribute of the batch, which all rows share.
 
         Raises:
-            ValueError: If only some rows are requested.
+            ValueError: If only some rows are requested, or it is a setting: another value takes a
+                new environment.
         """
         _rows.set_attribute(self.envs, self._chosen(indices), attr_name, value)
 
@@ -201,10 +202,10 @@ class RuffiniVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method for the requested rows, without effect on the others; return the results.
 
-        ``look``, ``surfaces``, ``state``, ``render``, ``reset``, ``channels`` and ``skin`` are
-        those of the single environment that a row equals. ``set_state`` takes one state for all
-        rows or a list with one for each. ``step`` raises an error. Any other method, such as
-        ``plan``, is called once for the batch, and its result is returned for every row.
+        ``look``, ``surfaces``, ``presses``, ``state``, ``render``, ``reset``, ``channels`` and
+        ``skin`` are those of the single environment that a row equals. ``set_state`` takes one
+        state for all rows or a list with one for each. ``step`` raises an error. Any other method,
+        such as ``plan``, is called once for the batch, and its result is returned for every row.
 
         Raises:
             ValueError: If it is ``set_state`` or a method of the whole batch, and only some rows
@@ -280,6 +281,9 @@ def normalize(envs: VecEnv, **kwargs: Any) -> VecNormalize:
     A ``VecMonitor``, if there is none, and a ``VecNormalize`` of all channels but fields of touch
     (:func:`fields`), which are 0 without contact, so that running statistics would scale the first
     contacts to huge values; :class:`TouchExtractor` scales them. Rewards stay as they are.
+
+    Flat observations have no channels to leave out: touch in them is normalised like the rest, its
+    first contacts to ``clip_obs``. To learn from touch, take dicts.
 
     Args:
         envs: Environments, as of :func:`make_vec_env`.
@@ -372,7 +376,7 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
 
     Raises:
         ValueError: If observations are not dicts, one of `privileged` is no channel of theirs, all
-            are, or the algorithm is none with a value function of states, such as SAC.
+            or none are, or the algorithm is none with a value function of states, such as SAC.
     """
 
     def __init__(
@@ -389,11 +393,11 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
             expected = f"a list of channels: [{privileged!r}]"
             raise ValueError(f"privileged: found {privileged!r}, expected {expected}")
         seen = [name for name in observation_space if name not in privileged]
-        if len(seen) + len(privileged) != len(list(observation_space)) or not seen:
-            known = ", ".join(observation_space)
-            raise ValueError(
-                f"privileged: found {', '.join(privileged)}, expected some, but not all, of {known}"
-            )
+        known = list(observation_space)
+        if not privileged or not seen or len(seen) + len(privileged) != len(known):
+            found = ", ".join(privileged) or "none"
+            expected = f"some, but not all, of {', '.join(known)}"
+            raise ValueError(f"privileged: found {found}, expected {expected}")
         self.seen, self._privileged = seen, list(privileged)
         kwargs |= {"share_features_extractor": False}
         kwargs.setdefault("features_extractor_class", TouchExtractor)

@@ -132,10 +132,12 @@ def film(
     Raises:
         SimulationError: If the video cannot be written.
         TypeError: If `policy` is neither a policy nor a function.
-        ValueError: If `path` is no such file, a setting is invalid, or a model was trained on other
-            observations.
+        ValueError: If `path` is no such file, there are no seeds, a setting is invalid, or a model
+            is one that `ruffini.evaluation.evaluate` refuses.
     """
     path, seeds = check(path), list(seeds)
+    if not seeds:
+        raise ValueError("seeds: found none, expected at least one")
     size = dict(zip(("width", "height"), SIZES[path.suffix.lower()], strict=True))
     env = gym.make(env_id, render_mode="rgb_array", **size | settings)
     acting = as_policy(policy, env.observation_space)

@@ -13,6 +13,7 @@ from os import PathLike
 from pathlib import Path
 
 import gymnasium as gym
+import numpy as np
 
 from ruffini._words import nearest
 from ruffini.agents._agent import FORMAT, MOST_BYTES, SUFFIX, Agent, Card
@@ -28,6 +29,7 @@ __all__ = [
     "Card",
     "checkpoint",
     "environment_id",
+    "first_seed",
     "last_checkpoint",
     "load",
     "names",
@@ -104,6 +106,16 @@ def last_checkpoint(folder: Path) -> Path | None:
     """
     folders = (folder / name for name in (CHECKPOINT, f"{CHECKPOINT}.old"))
     return next((found for found in folders if found.is_dir()), None)
+
+
+def first_seed(seed: int, steps: int = 0) -> int:
+    """Seed of the first environment of a run of that seed, after some steps; row i adds i.
+
+    Runs of neighbouring seeds share no episodes, and none has those of an evaluation, whose seeds
+    are below 2³².
+    """
+    drawn = int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])
+    return (1 << 32) + (drawn << 16)
 
 
 def environment_id(task: str) -> str:

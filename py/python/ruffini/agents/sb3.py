@@ -23,8 +23,9 @@ from stable_baselines3.common.vec_env import (
 
 from ruffini import __version__
 from ruffini._settings import plain
+from ruffini.agents import first_seed
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
-from ruffini.evaluation import ProgressCallback, normaliser_of
+from ruffini.evaluation import ProgressCallback, check_wrappers, normaliser_of
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
 
 _HYPERPARAMETERS = (
@@ -60,7 +61,7 @@ def export(
     Args:
         model: The model.
         normaliser: Environments with the ``VecNormalize`` of its observations; ``None`` takes the
-            model's own, if it has one.
+            model's own, if it has one. Environments without one give way to the model's.
         path: The .safetensors file.
         env_id: Id of the environment in which it was trained.
         settings: Keyword arguments of that environment.
@@ -99,12 +100,14 @@ def from_sb3(
         ValueError: If the model cannot be represented as an agent.
     """
     policy = _checked(model)
+    check_wrappers(model)
     flat = not isinstance(model.observation_space, gym.spaces.Dict)
     # How observations are laid out and how many threads step is no matter of the agent.
     settings = {k: value for k, value in settings.items() if k not in ("obs", "num_threads")}
     settings = json.loads(json.dumps(settings, default=plain))
     channels = _channels(env_id, settings)
-    found = normaliser_of(model) if normaliser is None else unwrap_vec_normalize(normaliser)
+    given = None if normaliser is None else unwrap_vec_normalize(normaliser)
+    found = normaliser_of(model, given)
     statistics, numbers = _statistics(found, channels)
     tensors = numbers | {
         name: parameter.detach().cpu().numpy().copy()
@@ -130,16 +133,6 @@ def from_sb3(
         "normaliser": statistics,
     }
     return Agent(card, tensors)
-
-
-def first_seed(seed: int, steps: int = 0) -> int:
-    """Seed of the first environment of a run of that seed, after some steps; row i adds i.
-
-    Runs of neighbouring seeds share no episodes, and none has those of an evaluation, whose seeds
-    are below 2³².
-    """
-    drawn = int(np.random.SeedSequence([seed, steps]).generate_state(1)[0])
-    return (1 << 32) + (drawn << 16)
 
 
 def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> PPO:
@@ -183,6 +176,9 @@ def to_sb3(agent: Agent, envs: VecEnv | None = None, **hyperparameters: Any) -> 
     kwargs = arguments.pop("policy_kwargs", {}) | kwargs
     model = PPO(card["policy"], normalised, policy_kwargs=kwargs, **arguments)
     model.num_timesteps = card["steps"]
+    if normalised.norm_obs:
+        # As `learn` leaves it, the sign that it sees normalised observations.
+        model._last_original_obs = {}
     # Other episodes than the agent has seen; PPO seeds them with its own seed.
     normalised.seed(first_seed(arguments["seed"], card["steps"]))
     with torch.no_grad():

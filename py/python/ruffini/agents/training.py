@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -30,13 +32,16 @@ from tqdm import tqdm
 from ruffini._schema import TACTILE_CHANNELS
 from ruffini._settings import plain, read_json
 from ruffini._spaces import MOST_STEPS, check_count
-from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint
+from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint, first_seed
 from ruffini.agents.params import Params, params
-from ruffini.agents.sb3 import first_seed, from_sb3, to_sb3
+from ruffini.agents.sb3 import from_sb3, to_sb3
 from ruffini.evaluation import about_this_run, usable_cores
 from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env, normalize
 
 __all__ = ["FirstWithoutTouch", "new_model", "resume", "train"]
+
+SAVE_EVERY = 600.0
+"""Longest time between two checkpoints (s), beside that of a rollout."""
 
 
 def train(
@@ -52,7 +57,9 @@ def train(
 ) -> PPO:
     """Train an agent with the hyper-parameters of its task, and keep the run in a folder.
 
-    An interrupt saves a checkpoint. The environments step on many threads and the network learns
+    A checkpoint is saved at the start, after each tenth of the steps, every `SAVE_EVERY` seconds,
+    and by an interrupt. In the main thread SIGTERM is an interrupt, too, and SIGUSR1 has one saved
+    at the end of the rollout. The environments step on many threads and the network learns
     on one: its layers are too small to share, and sums by several threads would differ in their
     last bits, so that a seed would not give the same agent on another number of cores.
 
@@ -322,14 +329,18 @@ class RunMonitor(BaseCallback):
         self.begun = 0.0
         self.folder, self.curve = folder, curve
         self.before = curve[-1]["seconds"] if curve else 0.0
-        self.started = time.monotonic()
+        self.started = self.saved_at = time.monotonic()
         self.saved = 0
+        self.is_due = self.is_stopped = False
 
     def _on_training_start(self) -> None:
-        self.saved = self.num_timesteps
         self.ended = np.zeros(self.training_env.num_envs, bool)
+        # A run that is killed before its first tenth is resumed like any other.
+        self.save()
 
     def _on_step(self) -> bool:
+        if self.is_stopped:
+            raise KeyboardInterrupt
         self.ended |= self.locals["dones"]
         return True
 
@@ -352,7 +363,8 @@ class RunMonitor(BaseCallback):
             if self.ended.all():
                 shown = f"success {success:.0%}, return {mean_return:.1f}"
         self.bar.set_postfix_str(shown)
-        if self.num_timesteps - self.saved >= self.bar.total / 10:
+        is_late = time.monotonic() - self.saved_at >= SAVE_EVERY
+        if self.is_due or is_late or self.num_timesteps - self.saved >= self.bar.total / 10:
             self.save()
 
     def _on_training_end(self) -> None:
@@ -380,7 +392,27 @@ class RunMonitor(BaseCallback):
             current.rename(old)
         fresh.rename(current)
         shutil.rmtree(old, ignore_errors=True)
-        self.saved = self.num_timesteps
+        self.saved, self.saved_at, self.is_due = self.num_timesteps, time.monotonic(), False
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Heed SIGTERM at the next step, and SIGUSR1 at the end of the rollout."""
+        names = {"SIGTERM": "is_stopped", "SIGUSR1": "is_due"}
+        # Windows has no SIGUSR1, and only the main thread may take signals.
+        heeded = {
+            getattr(signal, name): flag for name, flag in names.items() if hasattr(signal, name)
+        }
+        if threading.current_thread() is not threading.main_thread():
+            heeded = {}
+        before = {
+            number: signal.signal(number, lambda *_, flag=flag: setattr(self, flag, True))
+            for number, flag in heeded.items()
+        }
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
 
 def _learn(
@@ -417,12 +449,13 @@ def _learn(
     done = model.num_timesteps
     with tqdm(total=chosen.steps, initial=done, unit=" steps", smoothing=0.1) as bar:
         progress = RunMonitor(folder, curve, _timed(model), agent, bar)
-        try:
-            model.learn(chosen.steps - done, callback=progress, reset_num_timesteps=False)
-        except KeyboardInterrupt:
-            if progress.n_calls > 0:
-                progress.save()
-            raise
+        with progress.listening():
+            try:
+                model.learn(chosen.steps - done, callback=progress, reset_num_timesteps=False)
+            except KeyboardInterrupt:
+                if progress.n_calls > 0:
+                    progress.save()
+                raise
     return model
 
 

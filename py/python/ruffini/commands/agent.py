@@ -59,9 +59,9 @@ def _add_train(parts: Any) -> None:
         "train",
         help="train an agent by PPO",
         description="Trains an agent with the hyper-parameters of its task, which are listed in "
-        "ruffini.agents.params. A run is a folder with "
-        "checkpoints; stopped with Ctrl-C, it goes on with --resume. `ruffini play --policy RUN` "
-        "shows the agent of the last checkpoint, at any time.",
+        "ruffini.agents.params. A run is a folder with checkpoints; stopped with Ctrl-C or "
+        "SIGTERM, it goes on with --resume. `ruffini play --policy RUN` shows the agent of the "
+        "last checkpoint, at any time.",
     )
     parser.add_argument("task", help="a task, such as GraspLift or its id")
     parser.add_argument("--seed", type=int, default=0, help="seed of the run; 0 if not given")
@@ -80,8 +80,8 @@ def _add_train(parts: Any) -> None:
     begin.add_argument(
         "--resume",
         action="store_true",
-        help="go on from the last checkpoint; without --out a "
-        "run that has not begun is begun, and one that has its steps is left as it is",
+        help="go on from the last checkpoint; a run that has none is begun, and one that has its "
+        "steps is left as it is",
     )
     begin.add_argument(
         "--from",
@@ -137,7 +137,7 @@ def _train(options: argparse.Namespace) -> None:
         raise ValueError(f"out: {folder} holds a run: give --resume to go on, or another --out")
     agent = load(options.begin) if options.begin is not None else None
     # Jobs of a queue are submitted again as they were, whether they have begun, ended or neither.
-    resumes = options.resume and (options.out is not None or last_checkpoint(folder) is not None)
+    resumes = options.resume and last_checkpoint(folder) is not None
     if resumes:
         agent = Agent.read(checkpoint(folder) / CHECKPOINT_AGENT)
         if agent.env_id != env_id:
