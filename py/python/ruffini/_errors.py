@@ -17,12 +17,16 @@ _OF_ANSWERS = {
 }
 
 
+class _NotSolved(PressError, AttributeError):
+    """The error of a press where an attribute of its answer is asked for; `hasattr` is false."""
+
+
 def _unsolved(error: PressError, name: str) -> NoReturn:
     """Raise the error in place of an answer whose attribute is asked for."""
     if name not in _OF_ANSWERS:
         raise AttributeError(f"'PressError' object has no attribute {name!r}")
     kind = vars(error).get("kind", "of no kind")
-    raised = PressError(f"{name}: found none, for the press was not solved ({kind}): {error}")
+    raised = _NotSolved(f"{name}: found none, for the press was not solved ({kind}): {error}")
     vars(raised).update(vars(error))
     raise raised
 

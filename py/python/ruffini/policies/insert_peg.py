@@ -34,7 +34,7 @@ PRESS = 3.0
 """Upward force that is kept while searching (N)."""
 
 STIFFNESS = 8e3
-"""Upward force for a millimetre that the hand goes down, over a thousandth (N/m)."""
+"""Stiffness of peg and gel along z (N/m)."""
 
 DROP = 7e-4
 """Distance that the hand sinks when the peg has found the hole (m)."""
@@ -73,8 +73,9 @@ Floats = NDArray[np.floating[Any]]
 def felt(observation: dict[str, Any]) -> tuple[Floats, Floats, Floats, Floats]:
     """Load and place of the peg in the hand, from the wrenches on the pads, in the wrist's frame.
 
-    Its force on the hand (N, 3), its torque about the tool centre (N, 3), the torque that turns
-    both pads alike about z (N), and how far the peg is along y (N), in m.
+    Of n environments: its force on the hand in N (n, 3), its torque about the tool centre in N m
+    (n, 3), the torque in N m that turns both pads alike about z (n,), and how far the peg is along
+    y in m (n,).
     """
     forces, turns, arms = [], [], []
     for side, sign in (("\N{MINUS SIGN}", 1.0), ("+", -1.0)):
