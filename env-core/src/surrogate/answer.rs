@@ -58,6 +58,9 @@ const UNBALANCED: f64 = 0.5;
 /// Penetration of a contact point beyond which an answer without contact force is not trusted (m):
 /// the penetration that finite elements allow where the pressure equals Young's modulus.
 const PENETRATION: f64 = 2e-6;
+/// Part of the contact on the walls of the pad from which the displacement is not corrected: none of
+/// the presses that a network learnt from says what happens there.
+const UNLEARNT: f64 = 0.03;
 /// Largest number of trials in a force-driven press, and relative tolerance of the force.
 const TRIES: usize = 16;
 const FORCE: f64 = 1e-3;
@@ -292,6 +295,7 @@ impl PadModel {
         let stress = if with_stress { LinearStress::OF_NETWORK } else { LinearStress::Omitted };
         let linear = self.linear.carry(&settled, stress)?;
         let places = &self.body.mesh().vertices;
+        let on_walls = self.linear.share_on_walls(press.shapes(), &settled.history.poses);
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };
         let input = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
@@ -300,6 +304,11 @@ impl PadModel {
             let mut fields = self.network_fields(&input, with_stress, is_plain)?;
             let blend = |model: &ErrorModel| model.blended(&input, &mut fields);
             let predicted_error = self.card.predicted.as_ref().map(blend);
+            predicted::blend(
+                &input,
+                [f64::max(1.0 - on_walls / UNLEARNT, 0.0), 1.0, 1.0],
+                &mut fields,
+            );
             let (answer, residual) = if wanted.residual {
                 self.unfolded(&input, fields, &linear)?
             } else {
@@ -312,7 +321,6 @@ impl PadModel {
         };
         let PadFields { displacement, contact_force, von_mises, poses } = answer;
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
-        let on_walls = self.linear.share_on_walls(press.shapes(), &poses);
         let predicted_error = PredictedError::with_unfelt(predicted_error, on_walls);
         let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
         let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));
