@@ -50,8 +50,8 @@ _OTHER = 5.0
 _WRONG = 0.25
 """Largest error of the force, or of 2 % of the largest one where that is more, likewise."""
 _OFF = 0.05
-"""Change of Young's modulus by the table's interpolation from which a file needs --force. Those of a
-ball and a block on 1,000 nodes change it by less than 1 %."""
+"""Change of Young's modulus by the table's interpolation from which a file needs --force. Those of
+a ball and a block on 1,000 nodes change it by less than 1 %."""
 _TIED = 0.95
 """Correlation from which two parameters are reported as not separately determined."""
 
