@@ -283,6 +283,29 @@ def test_points_before_the_first_force_are_left_out(tmp_path):
         read_curve(file, BALL, 4e-3)
 
 
+def test_a_load_cell_without_load_reads_about_zero(tmp_path):
+    def read(*forces):
+        lines = [f"{1e-4 * n},{force}" for n, force in enumerate(forces)]
+        file = tmp_path / "curve.csv"
+        file.write_text("\n".join(["depth_m,force_n", *lines]))
+        return read_curve(file, BALL, 4e-3)
+
+    # What is no more than the largest negative reading may be noise, too.
+    curve = read(0.001, -0.002, 0.0015, 0.003, 0.5, 1.1)
+    assert curve.forces.tolist() == [0.003, 0.5, 1.1] and curve.unloaded == 3
+    assert curve.depths.tolist() == pytest.approx([3e-4, 4e-4, 5e-4])
+    with pytest.raises(ValueError, match=r"point 1: found force_n = -0.1, .* number from -0.022$"):
+        read(-0.1, 0.5, 1.1)
+    with pytest.raises(ValueError, match=r"point 2: found force_n = -0.001, .* a number from 0$"):
+        read(0.5, -0.001, 1.1)
+
+
+def test_points_without_load_are_told(command, capsys):
+    assert command([(1e-4, -0.001), *POINTS]) == 0
+    printed = capsys.readouterr().out
+    assert "4 for 2 parameters" in printed and "1 without load" in printed
+
+
 def test_an_indenter_without_lengths_is_refused(tmp_path, capsys):
     file = tmp_path / "curve.csv"
     file.write_text("depth_m,force_n\n5e-4,0.3\n8e-4,0.7\n")
@@ -323,6 +346,71 @@ WRONG = {
     ],
     "found a fit that is off by .* expected at most 25 %": FLAT,
 }
+
+
+def ball_file(path, middle, scale=1.0):
+    """Mesh of a ball of 9 mm radius around `middle` (m)."""
+    vertices, faces = Shape.sphere(9e-3).surface(24)
+    with path.open("w") as file:
+        file.writelines(f"v {x} {y} {z}\n" for x, y, z in (vertices + middle) / scale)
+        file.writelines(f"f {a} {b} {c}\n" for a, b, c in faces + 1)
+    return str(path)
+
+
+@pytest.mark.parametrize("words", [["calibrate", "{csv}", "--indenter"], ["press", "--shape"]])
+def test_a_mesh_beside_its_axis_is_refused(words, tmp_path, capsys):
+    file = ball_file(tmp_path / "off.obj", (0.01, 0.0, 0.03))
+    csv = tmp_path / "curve.csv"
+    csv.write_text("depth_m,force_n\n5e-4,0.3\n8e-4,0.7\n1e-3,1\n")
+    more = ["--depth", "1e-4"] if words[0] == "press" else []
+    words = [word.format(csv=csv) for word in words]
+    assert main([*words, file, *SENSOR, *more]) == 2
+    said = capsys.readouterr().err
+    assert "off.obj: found its middle at x = 10 mm, y = 0 mm" in said
+    assert "move it by (-10, 0, 0) mm" in said
+
+
+def test_a_mesh_in_millimetres_has_the_force_of_one_in_metres(tmp_path, capsys):
+    # Where its middle lies along the axis is no matter.
+    files = (
+        (ball_file(tmp_path / "m.obj", (0, 0, 0)), ()),
+        (ball_file(tmp_path / "mm.obj", (0, 0, 0.03), 1e-3), ("--scale", "0.001")),
+    )
+    said = []
+    for file, options in files:
+        words = ["press", *SENSOR, "--shape", file, "--depth", "2e-4", "--resolution", "250"]
+        assert main([*words, *options]) == 0
+        said.append(capsys.readouterr().out.splitlines()[0])
+    assert said[0] == said[1]
+    words = ["press", *SENSOR, "--shape", "sphere:0.009", "--depth", "2e-4", "--scale", "0.001"]
+    assert main(words) == 2
+    assert "scale: found 0.001 without a .obj or .stl file" in capsys.readouterr().err
+
+
+def test_calibrate_scales_the_mesh_of_an_indenter(command, tmp_path, capsys):
+    assert command(POINTS, "--scale", "0.001") == 2
+    assert "without a .obj or .stl file" in capsys.readouterr().err
+    words = ["calibrate", str(tmp_path / "curve.csv"), *SENSOR, "--nodes", "100", "--indenter"]
+    said = []
+    for name, unit in ("m.obj", 1.0), ("mm.obj", 1e-3):
+        file = ball_file(tmp_path / name, (0, 0, 0), unit)
+        assert main([*words, file, "--scale", str(unit)]) == 0
+        said.append(re.search(r"young = \d+", capsys.readouterr().out)[0])
+    assert said[0] == said[1]
+
+
+def test_a_fit_to_a_table_that_is_far_off_is_written_only_by_force(
+    command, tmp_path, capsys, monkeypatch
+):
+    out = tmp_path / "mine.toml"
+    true = Table.force
+    monkeypatch.setattr(Table, "force", lambda *given: 1.1 * true(*given))
+    assert command(POINTS, "--out", str(out)) == 2
+    printed = capsys.readouterr()
+    assert "by interpolation of up to 10" in printed.err and "at most 5 %" in printed.err
+    assert "[[calibration]]" not in printed.out and not out.exists()
+    assert command(POINTS, "--out", str(out), "--force") == 0
+    assert out.exists()
 
 
 @pytest.mark.parametrize("message", WRONG)

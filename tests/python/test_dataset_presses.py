@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import re
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from fresh import fresh
 
 from ruffini import LinearPad, Press, PressError, Shape, Surrogate, dataset, surrogate
 from ruffini._core import solve_press
+from ruffini._distributions import by_family, family
 from ruffini.commands import main
 
 load_file = pytest.importorskip("safetensors.numpy").load_file
@@ -267,7 +269,57 @@ def test_a_forked_worker_trains_after_its_parent_and_both_may_solve_meanwhile(
     assert len(both) > 1000 and both[: len(both) // 2] == both[len(both) // 2 :]
 
 
+def test_distributions_are_drawn_of_the_one_pad(data, tmp_path):
+    pytest.importorskip("matplotlib")
+    data.plot(tmp_path / "a.png")
+    columns = by_family(data)
+    assert sum(len(of["force"]) for of in columns.values()) == len(data)
+    for name, of in columns.items():
+        frames = [frame for frame in data if family(frame.grasp) == name]
+        assert of["force"].tolist() == [-frame.pad.wrench[2] for frame in frames]
+        assert (of["depth"] > 0).all() and (of["depth"] < 0.2).all(), of["depth"]
+
+
+def test_a_dataset_without_a_solved_press_is_one_error(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    # A mesh of so few nodes is not refined where the indenter is.
+    none = dataset.generate(tmp_path / "d", **{**PRESSES, "objects": 1, "truth_nodes": 100})
+    assert none is not None and not none.grasps
+    pytest.importorskip("viser")
+    for words in (
+        ["dataset", "plot", str(none.path), "-o", str(tmp_path / "a.png")],
+        ["view", str(none.path), "--out", str(tmp_path / "a.html")],
+    ):
+        assert main(words) == 2
+        assert capsys.readouterr().err == (
+            f"ruffini: {none.path}: found no solved grasp, expected one or more\n"
+        )
+
+
+def test_a_mended_configuration_is_taken_after_one_that_was_refused(tmp_path):
+    few = {**PRESSES, "objects": 1, "truth_nodes": 100}
+    with pytest.raises(ValueError, match="sensor: found gelsight"):
+        dataset.generate(tmp_path / "d", **{**few, "gels": [{**GEL, "sensor": "gelsight"}]})
+    assert dataset.generate(tmp_path / "d", **few) is not None
+
+
+def test_the_page_names_every_key_of_a_configuration():
+    page = (Path(__file__).parents[2] / "py/docs/data.md").read_text()
+    _, table = page.split("\n## The configuration\n")
+    keys = set()
+    for row in re.findall(r"^\| (`.*?) \|", table.split("\n## ")[0], re.MULTILINE):
+        keys |= set(re.findall(r"`(\w+)`", row))
+    known = set()
+    for wrong in ({"a": 1}, {"gels": [{"a": 1}]}):
+        with pytest.raises(ValueError, match="unknown field") as found:
+            dataset.shards(**wrong)
+        known |= set(re.findall(r"`(\w+)`", str(found.value).partition("expected")[2]))
+    assert keys == known
+
+
 def test_wrong_settings_are_named(tmp_path):
+    with pytest.raises(ValueError, match="frames: found 5, expected 7"):
+        dataset.generate(tmp_path / "five", **{**PRESSES, "frames": 5})
     with pytest.raises(ValueError, match=r"scale: found 0\.5 to 0\.1"):
         dataset.generate(tmp_path / "scale", **{**PRESSES, "scale": [0.5, 0.1]})
     with pytest.raises(ValueError, match="objects: found 100001"):

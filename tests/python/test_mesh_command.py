@@ -52,9 +52,9 @@ def test_the_likely_unit_of_a_file_is_named(size, scale, hint, tmp_path, capsys)
     trimesh.creation.box((0.75 * size, 0.75 * size, size)).export(file)
     status = main(["mesh", str(file), "--scale", str(scale)])
     said = capsys.readouterr()
-    wide = status == 2 and "environments refuse it as it is" in said.err
-    if status == 0 or wide:
-        assert wide == (0.75 * size * scale > 0.08)
+    refused = status == 2 and "environments refuse it as it is" in said.err
+    if status == 0 or refused:
+        assert refused == (0.75 * size * scale > 0.08 or size * scale < 0.002)
         units = [line for line in said.out.splitlines() if line.startswith("unit")]
         assert units == ([] if hint is None else [f"{'unit':<12} {hint}"])
     else:
@@ -189,6 +189,38 @@ def test_the_size_that_fits_the_gripper_is_named(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "refuse it as it is; 100 mm across its narrowest side" in said
     assert "give size below 0.80" in said
+
+
+@pytest.mark.parametrize(
+    ("extents", "said"),
+    [
+        (
+            (0.0004, 0.0004, 0.0004),
+            "0.36 mm along its longest side at size 0.9, expected 2 mm",
+        ),
+        ((0.075, 0.09, 0.075), "75 mm across its narrowest side.*: give size below 1.07"),
+        ((0.0005, 0.0005, 0.0023), None),
+    ],
+)
+def test_it_passes_what_the_environments_take(extents, said, tmp_path, capsys):
+    file = tmp_path / "part.stl"
+    trimesh.creation.box(extents).export(file)
+    assert main(["mesh", str(file)]) == (0 if said is None else 2)
+    if said is None:
+        gymnasium.make("ruffini/GraspLift-v0", objects=str(file), tactile="none").close()
+        return
+    assert re.search(said, capsys.readouterr().err)
+    with pytest.raises(ValueError, match=r"along its longest side|across its narrowest side"):
+        gymnasium.make("ruffini/GraspLift-v0", objects=str(file), tactile="none")
+
+
+def test_every_reason_is_told_with_the_scale(tmp_path, capsys):
+    file = tmp_path / "far.stl"
+    trimesh.creation.box((100, 120, 100)).apply_translation([90, 0, 0]).export(file)
+    assert main(["mesh", str(file), "--scale", "0.001"]) == 2
+    said = capsys.readouterr().err
+    assert "give size below 0.80; its origin is beside its middle: objects={" in said
+    assert '"scale": 0.001, "centred": True}' in said
 
 
 def test_parts_and_an_origin_beside_the_middle_are_told(tmp_path, capsys):

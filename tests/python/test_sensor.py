@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 import warnings
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from ruffini._core import (
 )
 from ruffini._trained_gels import _MEASURED, SHIPPED, unlike, warn_of
 from ruffini.commands import main
+from ruffini.commands.sensor import _ENVIRONMENTS, _outside, _warnings
 from ruffini.envs import GraspLiftEnv
 
 ROOT = Path(__file__).parents[2]
@@ -48,7 +50,11 @@ def test_the_template_is_a_sensor_as_it_is(file, capsys):
     assert main(["sensor", "template", "--out", str(file.with_suffix(".txt"))]) == 2
     assert "expected a name that ends in .toml" in capsys.readouterr().err
     main(["sensor", "template"])
-    assert capsys.readouterr().out == sensor_template() == file.read_text()
+    printed = capsys.readouterr().out
+    assert printed == file.read_text()
+    other = file.with_name("other.toml")
+    other.write_text(sensor_template())
+    assert read_sensor(str(other)) == read_sensor(str(file))
 
 
 def test_the_check_sums_a_sensor_up_and_draws_it(file, capsys):
@@ -79,6 +85,61 @@ def test_the_check_says_which_models_take_each_material_and_where_markers_do_not
     file.write_text(text.replace("pitch = 2.06e-3", "pitch = 5e-3"))
     assert main(["sensor", "check", str(file)]) == 2
     assert "expected places on the face" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("key", "given", "beyond"),
+    [
+        ("outline.thickness", "0.004 ", 0.021),
+        ("calibration.young", "0.30e6", 900.0),
+        ("calibration.young", "0.30e6", 1.1e8),
+    ],
+)
+def test_numbers_that_environments_do_not_take_are_told_by_their_keys(
+    key, given, beyond, file, capsys
+):
+    text, name = file.read_text(), key.split(".")[1]
+    [line] = [line for line in text.splitlines() if line.startswith(f"{name} =")]
+    assert f"environments take {_ENVIRONMENTS[key][0]:g} to {_ENVIRONMENTS[key][1]:g}" in line
+    file.write_text(text.replace(f"{name} = {given}", f"{name} = {beyond} "))
+    assert main(["sensor", "check", str(file)]) == 2
+    assert re.search(f"{key}.*: found {re.escape(f'{beyond:g}')} ", capsys.readouterr().err)
+    with pytest.raises(ValueError, match="found"):
+        GraspLiftEnv(sensor=str(file), tactile="fem", objects="sphere")
+    nearest = min(_ENVIRONMENTS[key][:2], key=lambda bound: abs(bound / beyond - 1))
+    file.write_text(text.replace(f"{name} = {given}", f"{name} = {nearest} "))
+    GraspLiftEnv(sensor=str(file), tactile="fem", objects="sphere").close()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("static = 1.0", "static = 5.0"), r"friction +5; .* take friction.static from 0 to 4"),
+        (("6.34e-5", "9e-5"), r"warning +.* along x, 21.6 mm, is larger than the pad, 20.75 mm$"),
+        (("6.34e-5", "0.065"), r"warning +.* along x, 1.56e\+04 mm, .* is camera.pixel in m\?$"),
+        (("6.34e-5", "5e-5"), r"warning +markers lie outside .* along x: over 12.36 mm, .* 12 mm$"),
+        (("0.47 ", "0.46 "), None),
+    ],
+)
+def test_what_is_most_likely_wrong_is_told(change, said, file, capsys):
+    text = file.read_text()
+    assert change[0] in text
+    file.write_text(text.replace(*change))
+    assert main(["sensor", "check", str(file)]) == 0
+    printed = capsys.readouterr().out
+    if said is None:
+        assert "warning" not in printed and "LinearPad" not in printed
+    else:
+        assert re.search(said, printed, re.MULTILINE), printed
+    if "static" in change[0]:
+        with pytest.raises(ValueError, match="friction: found 5"):
+            ruffini.LinearPad(str(file))
+
+
+@pytest.mark.parametrize("name", sensor_names())
+def test_a_sensor_that_is_built_in_has_no_warning(name):
+    found = json.loads(read_sensor(name))
+    assert not _outside(found) and not _warnings(found)
 
 
 def test_options_of_the_check_are_refused_before_anything_is_solved(file, capsys):

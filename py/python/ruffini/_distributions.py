@@ -28,6 +28,8 @@ QUANTITIES = {
     "stress": "peak von Mises stress (kPa)",
 }
 """Labels of the plotted quantities; shear and stress are the larger of both sides'."""
+_DEEPEST = "deepest displacement of the pad over its thickness"
+"""Label of the depth of presses, whose force is the normal one."""
 
 
 def by_family(data: Dataset) -> dict[str, _Columns]:
@@ -53,12 +55,19 @@ def reasons(data: Dataset) -> Counter[str]:
 
 
 def _of_grasp(data: Dataset, name: str) -> _Columns:
-    wrenches = [data.column(name, f"{side}.wrench") for side in ("first", "second")]
-    soft = ("body",) if data.soft else ("first", "second")
-    stresses = [data.column(name, f"{part}.von_mises") for part in soft]
+    sides = ("first",) if data.presses else ("first", "second")
+    wrenches = [data.column(name, f"{side}.wrench") for side in sides]
+    parts = ("body",) if data.soft else sides
+    stresses = [data.column(name, f"{part}.von_mises") for part in parts]
+    if data.presses:
+        # An indenter that rolls on has no closing.
+        closing = -data.column(name, "first.displacement")[:, :, 2].min(axis=1)
+        force = np.abs(wrenches[0][:, 2])
+    else:
+        closing, force = data.column(name, "closing"), data.column(name, "force")
     return {
-        "depth": data.column(name, "closing") / _thickness(data, name),
-        "force": data.column(name, "force"),
+        "depth": closing / _thickness(data, name),
+        "force": force,
         "shear": np.max([_shear(wrench) for wrench in wrenches], axis=0),
         "stress": 1e-3 * np.max([stress.max(axis=1) for stress in stresses], axis=0),
     }
@@ -81,20 +90,25 @@ def draw(data: Dataset, path: str | PathLike[str]) -> None:
     """Draw the quantities by family, and the reasons of unsolved grasps, to a .png or .svg file.
 
     Raises:
-        ValueError: If the file has another ending or cannot be written, or matplotlib is missing.
+        ValueError: If no grasp is solved, the file has another ending or cannot be written, or
+            matplotlib is missing.
     """
     check(path)
     from matplotlib.figure import Figure
 
     columns = by_family(data)
+    if not columns:
+        raise ValueError(f"{data.path}: found no solved grasp, expected one or more")
     height = 1.6 + 0.24 * len(columns)
     figure = Figure(figsize=(11, 2 * height), layout="constrained")
     grid = figure.add_gridspec(3, 2, height_ratios=[height, height, 0.9])
     for place, (key, label) in enumerate(QUANTITIES.items()):
         axes = figure.add_subplot(grid[divmod(place, 2)])
+        label = _DEEPEST if data.presses and key == "depth" else label
         _boxes(axes, {name: of[key] for name, of in columns.items()}, label)
     _unsolved(figure.add_subplot(grid[2, :]), data)
-    figure.suptitle(f"{counted(len(data), 'frame')} of {counted(len(data.grasps), 'grasp')}")
+    what = "presses" if data.presses else "grasps"
+    figure.suptitle(f"{counted(len(data), 'frame')}, {what}: {len(data.grasps)}")
     with writing(Path(path)):
         figure.savefig(path, dpi=130)
 
@@ -125,4 +139,4 @@ def _unsolved(axes: Any, data: Dataset) -> None:
     axes.bar_label(bars, [f"{count} of {asked}" for _, count in counts], padding=3)
     axes.invert_yaxis()
     axes.set_xlim(0, max(1.0, 120 * counts[0][1] / asked))
-    axes.set_xlabel("grasps that ended before their last frame (%)")
+    axes.set_xlabel("those that ended before their last frame (%)")

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from ruffini._core import TetMesh
 
 _Left = dict[str, float]
-_NOWHERE = np.array([0.0, 0, 0, 0, 0, 0, 1])
+HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
+"""Pose of what is not moved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,7 @@ class Body:
     the point to which it sticks in the frame of the rigid shape (m)."""
 
     def write(
-        self, path: str | PathLike[str], mesh: TetMesh, pose: NDArray[np.float64] = _NOWHERE
+        self, path: str | PathLike[str], mesh: TetMesh, pose: NDArray[np.float64] = HOME
     ) -> None:
         """Write the mesh and the fields at a pose (7,) to a .vtu or .npz file.
 

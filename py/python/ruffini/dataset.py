@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ruffini import _distributions
 from ruffini._core import TetMesh, dataset_shards, estimate_dataset, generate_dataset
 from ruffini._errors import apart
-from ruffini._frames import Body, Finger, Frame, Pad, PressFrame, SoftFrame
+from ruffini._frames import HOME, Body, Finger, Frame, Pad, PressFrame, SoftFrame
 from ruffini._settings import plain, read_json
 from ruffini._words import counted, nearest
 
@@ -137,8 +137,15 @@ def generate(
     def ask(*progress: Any) -> bool:
         return watch is None or watch(Progress(*progress))
 
-    overrides = json.dumps(settings, default=plain)
-    finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
+    overrides, claim = json.dumps(settings, default=plain), Path(folder) / "config.json"
+    is_new = shards is None and not claim.exists()
+    try:
+        finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
+    except ValueError:
+        # Nothing was solved with it, and it would refuse a configuration that is mended.
+        if is_new and not any(any((Path(folder) / p).glob("*")) for p in ("parts", "shards")):
+            claim.unlink(missing_ok=True)
+        raise
     return Dataset(folder) if finished else None
 
 
@@ -358,7 +365,7 @@ class Dataset:
         """Plot the distributions of depth, force, shear and stress to a .png or .svg file.
 
         Raises:
-            ValueError: If the file has another ending or cannot be written.
+            ValueError: If no grasp is solved, or the file has another ending or cannot be written.
         """
         _distributions.draw(self, path)
 
@@ -378,9 +385,7 @@ class Dataset:
             KeyError: If there is no such grasp.
         """
         file, _ = self._grasps[self._number_of(grasp)]
-        entries = json.loads(self._tensors(file).metadata()["grasps"])
-        [plan] = [entry["plan"] for entry in entries if entry["plan"]["name"] == grasp]
-        return dict(plan)
+        return dict(_entry(self._tensors(file), grasp)["plan"])
 
     def defects(self) -> list[str]:
         """Files that are missing, truncated, damaged, foreign or hold NaN, one line each."""
@@ -492,8 +497,7 @@ class Dataset:
 
         common: dict[str, Any] = {"grasp": name, "number": number, "gel": grasp["gel"]}
         if self.presses:
-            pose = np.array([0.0, 0, 0, 0, 0, 0, 1])
-            pad = Pad(**body("first"), **rigid("first", "wrench", "press"), pose=pose)
+            pad = Pad(**body("first"), **rigid("first", "wrench", "press"), pose=HOME.copy())
             return PressFrame(**common, pad=pad)
         common |= {field: float(row(field)) for field in ("force", "closing")}
         if self.soft:

@@ -18,7 +18,8 @@ from ruffini.dataset import Progress
 _SETTINGS = {
     "objects": "number of drawn objects, spread evenly over the catalogue",
     "grasps": "number of grasps or presses of each object",
-    "frames": "number of frames, of growing force, in each grasp; presses have up to 7",
+    "frames": "number of frames, of growing force, in each grasp; presses have 7, or 4 "
+    "if not moved on, and take no other number than 7",
     "seed": "seed of objects, grasps and presses",
 }
 _MOST_BYTES = 2_000_000_000

@@ -53,12 +53,13 @@ GRIDS = {
     "friction": (0.0, 0.2, 0.5, 1.0, 2.0),
     "thickness": (0.8, 1.0, 1.25),
 }
+FLOOR = 0.02
+"""Share of a curve's largest force that is added to a force where its error is relative, and below
+which a load cell's readings without load may lie."""
 _SEVERAL = (*GRIDS, "stiffness")
 """Parameters for which a fit begins at several values."""
 STEP = 1e-4
 """Longest step between two depths of a table (m)."""
-_FLOOR = 0.02
-"""Share of a curve's largest force that is added to a force where its error is relative."""
 _YOUNG = 1e6
 """Young's modulus with which tables are solved (Pa)."""
 _DEEPEST = 0.5
@@ -81,16 +82,20 @@ class Curve:
     """Way from the first touch (D,) in m, increasing."""
     forces: _Array
     """Normal force (D,) in N."""
+    unloaded: int = 0
+    """Number of points before the first force, which are left out."""
 
 
 def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     """Read a .csv file with the columns ``depth_m`` and ``force_n``, for a gel that thick (m).
 
-    Lines that begin with # are left out, and so are points before the first force.
+    Lines that begin with # are left out, and so are points before the first force: those of at
+    most 0, or of no more than the largest negative reading, which is the load cell's noise.
 
     Raises:
-        ValueError: If a column or a number is missing, depths do not increase, a force is
-            negative, forces do not grow, or a depth is beyond half of the gel.
+        ValueError: If a column or a number is missing, depths do not increase, a force after the
+            first is negative, or one before it by more than 2 % of the largest, forces do not
+            grow, or a depth is beyond half of the gel.
     """
     with path.open(newline="", encoding="utf-8-sig") as file:
         rows = csv.DictReader((line for line in file if line[0] != "#"), skipinitialspace=True)
@@ -107,8 +112,14 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
         raise ValueError(f"{path}: found no points")
     depths, forces = np.array(points).T
     # Where nothing is felt yet, the depth says nothing of the gel.
-    touching = int(np.argmax(forces > 0.0))
-    if forces[touching] == 0.0:
+    noise = max(0.0, -forces.min())
+    touching = int(np.argmax(forces > noise))
+    lowest = np.where(np.arange(len(forces)) < touching, -FLOOR * forces.max(), 0.0)
+    if (forces < lowest).any():
+        first = int(np.argmax(forces < lowest))
+        text = f"found force_n = {forces[first]:g}, expected a number from {lowest[first]:.2g}"
+        raise ValueError(f"{path}, point {first + 1}: {text}")
+    if forces[touching] <= 0.0:
         raise ValueError(f"{path}: found no force above 0")
     if (steps := np.diff(depths)).min(initial=1.0) <= 0.0:
         first = int(np.argmax(steps <= 0.0))
@@ -128,7 +139,7 @@ def read_curve(path: Path, indenter: Shape, thickness: float) -> Curve:
     if forces[1:].size and (forces[-1] <= forces[0] or fall > _FALL * highest[-1]):
         text = f"found {forces[worst]:g} N at {depths[worst]:g} m after {highest[worst]:g} N"
         raise ValueError(f"{path}: {text}, expected forces that grow with depth")
-    return Curve(str(path), indenter, depths[touching:], forces[touching:])
+    return Curve(str(path), indenter, depths[touching:], forces[touching:], touching)
 
 
 def _point(place: str, row: Mapping[str, Any]) -> tuple[float, float]:
@@ -139,7 +150,8 @@ def _point(place: str, row: Mapping[str, Any]) -> tuple[float, float]:
             numbers.append(float(row[column]))
         except (TypeError, ValueError):
             numbers.append(math.nan)
-        if not 0.0 <= numbers[-1] < math.inf:
+        least = 0.0 if column == "depth_m" else -math.inf
+        if not least <= numbers[-1] or math.isinf(numbers[-1]):
             found = row[column] or "nothing"
             text = f"found {column} = {found}, expected a number from 0"
             raise ValueError(f"{place}: {text}")
@@ -383,7 +395,7 @@ class Problem:
         """Errors (N,), relative to the force and a floor."""
         pairs = zip(self.forces(values), self.curves, strict=True)
         return np.concatenate(
-            [(f - c.forces) / (c.forces + _FLOOR * c.forces.max()) for f, c in pairs]
+            [(f - c.forces) / (c.forces + FLOOR * c.forces.max()) for f, c in pairs]
         )
 
     def _values(self, unit: _Array) -> dict[str, float]:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
+
 from ruffini._core import check_mesh
+from ruffini._schema import TASKS
 from ruffini._spaces import writing
 
 _SIZES = 0.001, 0.3
@@ -23,6 +27,10 @@ _LEVEL = 0.999
 """Cosine of the angle, here 2.6°, up to which a direction is named as that of an axis."""
 _OFF_CENTRE = 0.25
 """Distance of the origin from the middle, relative to the size, above which it is refused."""
+_SHORTEST = 0.002
+"""Longest edge below which environments refuse an object (m)."""
+_TASK = "GraspLift"
+"""Task whose default sizes, and whose environment, tell what is refused."""
 
 
 def add_to(commands: Any) -> None:
@@ -70,16 +78,40 @@ def _run(options: argparse.Namespace) -> None:
         print(f"{'unit':<12} {unit}")
     if said := _rest(down, height, extents[2]):
         print(f"{'at rest':<12} {said}")
-    refused = []
-    if fitting <= 1:
-        narrow = f"{1e3 * extents.min():.4g} mm across its narrowest side"
-        refused.append(f"{narrow}, more than the gripper opens: give size below {fitting:.2f}")
     middle = options.scale * mesh.bounds.mean(axis=0)
-    if (abs(middle) > _OFF_CENTRE * extents).any():
-        remedy = f'objects={{"mesh": "{file}", "centred": True}}'
-        refused.append(f"its origin is beside its middle: {remedy} moves it there")
+    refused = _refused(file, options.scale, extents, middle, fitting)
     if refused:
         raise ValueError(f"{file}: environments refuse it as it is; {'; '.join(refused)}")
+
+
+def _refused(file: Path, scale: float, extents: Any, middle: Any, fitting: float) -> list[str]:
+    """Reasons for which environments refuse an object of `extents` (3,) around `middle` (3,) (m).
+
+    It fits between the open pads at sizes below `fitting`.
+    """
+    task = TASKS[_TASK]
+    [(least, most)] = [each["default"] for each in task["settings"] if each["name"] == "size"]
+    given: dict[str, Any] = {"mesh": str(file)} | ({} if scale == 1 else {"scale": scale})
+    refused = []
+    if least * extents.max() < _SHORTEST:
+        longest = f"{1e3 * least * extents.max():.4g} mm along its longest side at size {least:g}"
+        expected = f"{1e3 * _SHORTEST:g} mm or more: is --scale that of the file's unit?"
+        refused.append(f"{longest}, expected {expected}")
+    if fitting <= most:
+        narrow = f"{1e3 * extents.min():.4g} mm across its narrowest side"
+        refused.append(
+            f"{narrow}, at size {most:g} more than the gripper opens: give size below {fitting:.2f}"
+        )
+    if (abs(middle) > _OFF_CENTRE * extents).any():
+        given["centred"] = True
+        remedy = f"objects={json.dumps(given).replace('true', 'True')}"
+        refused.append(f"its origin is beside its middle: {remedy} moves it there")
+    if not refused:
+        try:
+            gym.make(f"ruffini/{_TASK}-v0", objects=given, tactile="none").close()
+        except ValueError as error:
+            refused.append(str(error))
+    return refused
 
 
 def _rest(down: Sequence[float], height: float, upright: float) -> str:

@@ -45,8 +45,8 @@ def add_to(commands: Any) -> None:
     parser: argparse.ArgumentParser = commands.add_parser(
         "press",
         help="press one shape into the gel of a sensor",
-        description="Presses a shape straight into the apex of a sensor's gel, its z axis first, "
-        "by finite elements. SI units.",
+        description="Presses a shape straight into the apex of a sensor's gel, its end at "
+        "+z first, by finite elements. SI units.",
     )
     parser.add_argument("--sensor", required=True, help="gelsight-mini, digit or a .toml file")
     parser.add_argument(
@@ -54,6 +54,7 @@ def add_to(commands: Any) -> None:
         required=True,
         help=f"{shapes.FORMS}, an object of the tasks, or a .obj or .stl file",
     )
+    parser.add_argument("--scale", type=float, help=shapes.SCALE)
     drive = parser.add_mutually_exclusive_group(required=True)
     drive.add_argument("--depth", type=float, help="depth below the first touch (m)")
     drive.add_argument("--force", type=float, help="force to be reached (N)")
@@ -117,7 +118,8 @@ def run(options: argparse.Namespace) -> None:
     if options.check and options.element == "p2":
         raise ValueError("check: found --element p2, expected p1 or p1-bar: it compares with p2")
     body = sensor(options.sensor, options.calibration, options.resolution)
-    shape = shapes.shape(options.shape)
+    shapes.check_scale(options.scale, [options.shape])
+    shape = shapes.shape(options.shape, options.scale)
     touch = touching_height(shape, body.mesh.vertices)
     if options.graded:
         body = _graded(options, shape, body, touch)
@@ -142,7 +144,7 @@ def run(options: argparse.Namespace) -> None:
         if file is not None:
             print(file)
     if options.view is not None:
-        viewing.view([pressed(body.mesh, options.shape, frames)], page)
+        viewing.view([_pictured(body.mesh, options.shape, shape, frames)], page)
 
 
 def _around(shape: Shape, positions: Iterable[NDArray[np.float64]]) -> Press:
@@ -258,15 +260,17 @@ def _solved(frames: list[Deformation | PressError]) -> list[Deformation]:
     return [frame for frame in frames if isinstance(frame, Deformation)]
 
 
-def pressed(mesh: TetMesh, shape: str, frames: Iterable[Deformation]) -> Iterator[ViewerFrame]:
+def _pictured(
+    mesh: TetMesh, name: str, shape: Shape, frames: Iterable[Deformation]
+) -> Iterator[ViewerFrame]:
     """Frames of a press as they are shown."""
-    skin, surface = Skin(mesh), shapes.surface(shapes.shape(shape))
+    skin, surface = Skin(mesh), shapes.surface(shape)
     for number, frame in enumerate(frames):
         bodies: dict[str, Rigid | Soft] = {
             "pad": gel(skin, frame),
             "shape": Rigid(np.concatenate(frame.pose), *surface, opacity=0.4),
         }
-        yield summary(f"{shape}, frame {number}", bodies, seconds=0.1)
+        yield summary(f"{name}, frame {number}", bodies, seconds=0.1)
 
 
 def _report(frames: list[Deformation], indentation: float) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import ruffini
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
 from ruffini._plot import check
+from ruffini._schema import TASKS
 from ruffini._spaces import check_writable, writing
 from ruffini._trained_gels import SHIPPED, unlike
 from ruffini.commands.press import touching_height
@@ -26,6 +27,18 @@ _DEPTH = 5e-4
 """Depth of the ball (m); less in a gel of less than eight times as much."""
 _NODES = 2000
 """Nodes of the finite elements to which the elastic foundation is fitted."""
+_BOUNDS = {each["name"]: each.get("bounds") for each in next(iter(TASKS.values()))["others"]}
+_ENVIRONMENTS = {
+    "outline.length": (*_BOUNDS["gripper.pad_length"], "m"),
+    "outline.width": (*_BOUNDS["gripper.pad_width"], "m"),
+    "outline.thickness": (*_BOUNDS["gripper.pad_thickness"], "m"),
+    "calibration.young": (1e3, 1e8, "Pa"),
+}
+"""Ranges that environments take, by key, where finite elements take more; with the unit."""
+_STICKIEST = 4.0
+"""Largest friction of `Surrogate` and `LinearPad`; environments draw their own."""
+_SLIP = 10.0
+"""View of the camera over the pad from which its unit is most likely wrong."""
 
 
 def add_to(commands: Any) -> None:
@@ -67,7 +80,7 @@ def _list(options: argparse.Namespace) -> None:
 
 
 def _template(options: argparse.Namespace) -> None:
-    text = sensor_template()
+    text = _template_text()
     if options.out is None:
         print(text, end="")
         return
@@ -78,6 +91,22 @@ def _template(options: argparse.Namespace) -> None:
     with writing(options.out):
         options.out.write_text(text)
     print(options.out)
+
+
+def _template_text() -> str:
+    """The template, with the narrower ranges beside those of finite elements."""
+    section, lines = "", []
+    for line in sensor_template().splitlines():
+        if head := re.match(r"\[+(\w+)\]", line):
+            section = head[1]
+        key = f"{section}.{line.split(' ')[0]}"
+        if key in _ENVIRONMENTS:
+            low, high, unit = _ENVIRONMENTS[key]
+            line += f"; environments take {low:g} to {high:g} {unit}"
+        elif key == "friction.static":
+            line += f"; Surrogate and LinearPad take 0 to {_STICKIEST:g}"
+        lines.append(line + "\n")
+    return "".join(lines)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -95,12 +124,50 @@ def _check(options: argparse.Namespace) -> None:
         raise ValueError(
             "\n  ".join([f"{path}: {len(defects)} entries are wrong", *defects])
         ) from None
+    if outside := _outside(found):
+        raise ValueError(f"{options.file}: environments do not take it; {'; '.join(outside)}")
     for name, text in _summary(options.file, found).items():
         print(f"{name:<12} {text}")
     if options.fit:
         _fit(options.file, found["calibration"], _NODES if options.nodes is None else options.nodes)
     if options.plot is not None:
         _plot(options.file, found, options.plot)
+
+
+def _outside(found: dict[str, Any]) -> list[str]:
+    """Numbers of a sensor that environments do not take."""
+    said = []
+    for key, (low, high, unit) in _ENVIRONMENTS.items():
+        table, name = key.split(".")
+        for one in found[table] if table == "calibration" else [found[table]]:
+            if not low <= one[name] <= high:
+                of = f" of {one['name']}" if table == "calibration" else ""
+                said.append(
+                    f"{key}{of}: found {one[name]:g} {unit}, expected {low:g} to {high:g} {unit}"
+                )
+    return said
+
+
+def _warnings(found: dict[str, Any]) -> list[str]:
+    """What is most likely wrong with the camera's view or the markers in it."""
+    outline, camera, markers = (found[name] for name in ("outline", "camera", "markers"))
+    said = []
+    axes = zip(("x", "y"), ("width", "length"), ("across", "along"), camera["pixels"], strict=True)
+    for axis, extent, row, count in axes:
+        view, pad = 1e3 * camera["pixel"] * count, 1e3 * outline[extent]
+        if view > pad:
+            slip = ": is camera.pixel in m?" if view > _SLIP * pad else ""
+            said.append(
+                f"the camera's view along {axis}, {view:.4g} mm, is larger than the pad, "
+                f"{pad:.4g} mm{slip}"
+            )
+        reach = 1e3 * (markers[row] - 1) * markers["pitch"] if markers else 0.0
+        if reach > view:
+            said.append(
+                f"markers lie outside of the camera's view along {axis}: over {reach:.4g} mm, in a "
+                f"view of {view:.4g} mm"
+            )
+    return said
 
 
 def _summary(file: str, found: dict[str, Any]) -> dict[str, str]:
@@ -127,6 +194,11 @@ def _summary(file: str, found: dict[str, Any]) -> dict[str, str]:
         else "given"
     )
     rows["friction"] = f"{friction['static']:g}"
+    if friction["static"] > _STICKIEST:
+        rows["friction"] += (
+            f"; Surrogate and LinearPad take friction.static from 0 to {_STICKIEST:g}, "
+            "environments draw their own"
+        )
     if markers := found["markers"]:
         rows["markers"] = (
             f"{markers['across']} x {markers['along']}, {1e3 * markers['pitch']:.3g} mm apart"
@@ -135,6 +207,8 @@ def _summary(file: str, found: dict[str, Any]) -> dict[str, str]:
         f"{camera['pixels'][0]} x {camera['pixels'][1]} pixels, a view of {view[0]:.1f} x "
         f"{view[1]:.1f} mm"
     )
+    for number, text in enumerate(_warnings(found)):
+        rows["warning" if number == 0 else f"warning {number + 1}"] = text
     for number, material in enumerate(found["calibration"]):
         row = "tactile" if number == 0 else f"tactile {number + 1}"
         rows[row] = _models(file, material["name"])

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import OBJECTS, Shape
 from ruffini._schema import SHAPES
 
+_BESIDE = 0.25
+"""Distance of a mesh's middle from its z axis, over its width, from which it is refused, as by
+environments; less of it moves a ball's force on a built-in pad by some 3 %."""
 _LENGTHS = {name: kind["lengths"] for name, kind in SHAPES.items()} | {"half-space": []}
 """Names of the lengths of each kind with examples, in the order in which they are written."""
 
@@ -26,18 +31,39 @@ def _form(kind: str) -> str:
     return f"{kind}:{','.join(name for name, _ in _numbers(kind))}{edge}".rstrip(":")
 
 
+SCALE = "length of a unit of the mesh file (m), 0.001 for one in mm; 1 if not given"
+"""Help of the option for it."""
 FORMS = ", ".join(map(_form, _LENGTHS))
 """Forms in which a shape can be written, lengths in m."""
 
 
-def shape(text: str) -> Shape:
-    """Parse a shape from `text`: a name with lengths, an object of the tasks, or a mesh file in m.
+def is_mesh(text: str) -> bool:
+    """Whether `text` is the name of a mesh file."""
+    return text.lower().endswith((".obj", ".stl"))
+
+
+def check_scale(scale: float | None, texts: Sequence[str]) -> None:
+    """Refuse a scale without a mesh file.
 
     Raises:
-        ValueError: If it is neither.
+        ValueError: If there is one.
     """
-    if text.lower().endswith((".obj", ".stl")):
-        return Shape.read(text)
+    if scale is not None and not any(map(is_mesh, texts)):
+        raise ValueError(f"scale: found {scale:g} without a .obj or .stl file, expected both")
+
+
+def shape(text: str, scale: float | None = None) -> Shape:
+    """Parse a shape from `text`: a name with lengths, an object of the tasks, or a mesh file.
+
+    Args:
+        text: What is parsed.
+        scale: Length of the unit of a mesh file (m); 1 if not given.
+
+    Raises:
+        ValueError: If it is none of them, or a mesh lies beside its z axis.
+    """
+    if is_mesh(text):
+        return _mesh(text, scale)
     if text in OBJECTS:
         return Shape.named(text)
     name, _, given = text.partition(":")
@@ -62,6 +88,21 @@ def shape(text: str) -> Shape:
         hint = f"; lengths are in m: {longest:g} mm are {longest / 1e3:g}" if longest > 1 else ""
         raise ValueError(f"{error}{hint}") from None
     return found.rounded(radius(edge)) if edge else found
+
+
+def _mesh(file: str, scale: float | None) -> Shape:
+    """Solid of a mesh file around its z axis, which is the line that is pressed into the apex."""
+    found = Shape.read(file, 1.0 if scale is None else scale)
+    vertices, _ = found.surface()
+    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+    x, y = middle = (low + high) / 2
+    if (np.abs(middle) > _BESIDE * (high - low)).any():
+        text = f"found its middle at x = {1e3 * x:.4g} mm, y = {1e3 * y:.4g} mm, beside its z axis"
+        raise ValueError(
+            f"{file}: {text}, which is what is pressed into the apex; expected a mesh around that "
+            f"axis: move it by ({-1e3 * x + 0.0:.4g}, {-1e3 * y + 0.0:.4g}, 0) mm"
+        )
+    return found
 
 
 def radius(text: str) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini import Deformation, dataset, objects, sensor, viewing
-from ruffini._frames import turned
+from ruffini._frames import HOME, turned
 from ruffini._schema import control_period
 from ruffini._spaces import check_count, check_seed
 from ruffini.agents import RUN
@@ -28,7 +28,6 @@ _SIDES = ("pad on -x", "pad on +x")
 _SEEN = ("wrench", "markers", "displacement", "tet_stress", "traction")
 """Channels that are drawn."""
 _Values = dict[str, list[float]]
-_HOME = np.array([0.0, 0, 0, 0, 0, 0, 1])
 _TURNS = ((0.5, 0.5, 0.5, 0.5), (0.5, -0.5, -0.5, 0.5))
 """Orientations of the pads in the frame of the tool: y along the finger, z out of the gel."""
 _ENLARGED = (
@@ -187,7 +186,7 @@ class _Drawn:
             found[name] = Rigid(pose, vertices, faces, _LIGHT, opacity=0.5)
         if "fixture" in self._surfaces:
             vertices, faces, _ = self._surfaces["fixture"]
-            found["fixture"] = Rigid(_HOME, vertices, faces, _LIGHT, opacity=0.5)
+            found["fixture"] = Rigid(HOME, vertices, faces, _LIGHT, opacity=0.5)
         for k, name in enumerate(_SIDES):
             side = np.array([(k - 0.5) * look["opening"], 0, 0, *_TURNS[k]])
             pad = _after(tool, side)
@@ -249,6 +248,8 @@ def _after(outer: _Floats, inner: _Floats) -> _Floats:
 
 def _grasp(found: Dataset, frame: int | None) -> Iterator[ViewerFrame]:
     """Frames of the first grasp of a dataset, or the one of that number."""
+    if not found.grasps:
+        raise ValueError(f"{found.path}: found no solved grasp, expected one or more")
     if frame is None:
         numbers = found.frames(found.grasps[0])
     else:
@@ -278,7 +279,7 @@ def _solved(found: Dataset, frame: dataset.Frame | SoftFrame | PressFrame) -> Vi
     return summary(f"{frame.grasp}, frame {frame.number}", bodies)
 
 
-def gel(skin: Skin, body: Body | Deformation, pose: _Floats = _HOME) -> Soft:
+def gel(skin: Skin, body: Body | Deformation, pose: _Floats = HOME) -> Soft:
     """Soft body as drawn from its solution."""
     moved = skin.rest + np.asarray(body.displacement)[skin.nodes]
     forces = viewing.nodal(moved, np.asarray(body.contact_force)[skin.nodes])
