@@ -319,7 +319,7 @@ impl DatasetConfig {
         }
         let presses = self.scenario == Scenario::Presses;
         if presses && ![indentation::FRAMES, USUAL_FRAMES].contains(&self.frames) {
-            let expected = format!("{}, the most that a press has", indentation::FRAMES);
+            let expected = format!("{}, as many as a press has", indentation::FRAMES);
             return Err(Error::invalid("frames", self.frames, expected));
         }
         let quadratic = self.truth_element.parse::<Element>()? == Element::P2;
@@ -479,7 +479,7 @@ mod tests {
             DatasetConfig { scenario, frames, ..DatasetConfig::default() }.validated()
         };
         let error = of(Scenario::Presses, 2).unwrap_err().to_string();
-        assert_eq!(error, "frames: found 2, expected 7, the most that a press has");
+        assert_eq!(error, "frames: found 2, expected 7, as many as a press has");
         for frames in [7, DatasetConfig::default().frames] {
             assert_eq!(of(Scenario::Presses, frames).unwrap().most_frames(), 7);
         }
