@@ -17,7 +17,7 @@ _OF_ANSWERS = {
 }
 
 
-class _NotSolved(PressError, AttributeError):
+class _UnsolvedError(PressError, AttributeError):
     """The error of a press where an attribute of its answer is asked for; `hasattr` is false."""
 
 
@@ -26,7 +26,7 @@ def _unsolved(error: PressError, name: str) -> NoReturn:
     if name not in _OF_ANSWERS:
         raise AttributeError(f"'PressError' object has no attribute {name!r}")
     kind = vars(error).get("kind", "of no kind")
-    raised = _NotSolved(f"{name}: found none, for the press was not solved ({kind}): {error}")
+    raised = _UnsolvedError(f"{name}: found none, for the press was not solved ({kind}): {error}")
     vars(raised).update(vars(error))
     raise raised
 
