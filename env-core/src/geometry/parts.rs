@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector3};
 use thiserror::Error;
 
 use super::Surface;
+use crate::{Error, Result};
 
 /// Distance between parts that touch, relative to the size of the surface.
 const TOUCHING: f64 = 1e-9;
@@ -20,7 +21,7 @@ struct Part {
 
 /// Defect of a surface of several parts, with a place where it is (m).
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
-pub(super) enum PartsDefect {
+enum PartsDefect {
     /// Parts that pass through each other or touch.
     #[error(
         "two of its parts overlap or touch at ({:.4}, {:.4}, {:.4}) m, where sides inside would \
@@ -37,11 +38,23 @@ pub(super) enum PartsDefect {
     Nested(Point3<f64>),
 }
 
-/// Returns the first defect found of a closed surface of consistent orientation: inside it are
-/// places that its sides enclose twice, or not as often as their orientation tells.
-///
-/// The distance from such a surface is that from the nearest side, one inside of the solid too.
-pub(super) fn defect_of_parts(surface: &Surface) -> Option<PartsDefect> {
+impl Surface {
+    /// Performs [`Surface::new`] for a surface that bounds one solid, which can touch: parts that
+    /// overlap or touch each other are an error, too.
+    pub fn of_solid(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
+        let surface = Self::new(name, vertices, triangles)?;
+        match defect_of_parts(&surface) {
+            Some(defect) => {
+                Err(Error::BadMesh { name: name.to_owned(), reason: defect.to_string() })
+            }
+            None => Ok(surface),
+        }
+    }
+}
+
+/// Returns the first defect found of a closed, consistently oriented surface whose parts do not
+/// bound one solid. Distances from it would be those from the nearest side, even one inside.
+fn defect_of_parts(surface: &Surface) -> Option<PartsDefect> {
     let parts = parts(surface);
     let near = TOUCHING * surface.size();
     let mut depths = vec![0; parts.len()];
@@ -70,7 +83,7 @@ fn apart(part: &Part, other: &Part, near: f64) -> bool {
 impl Part {
     /// Returns whether this part lies inside the solid that `other` encloses, or a place at which
     /// they meet within `near` (m).
-    fn inside(&self, other: &Self, near: f64) -> Result<bool, Point3<f64>> {
+    fn inside(&self, other: &Self, near: f64) -> std::result::Result<bool, Point3<f64>> {
         let vertices = self.surface.vertices();
         let mut sides = [false; 2];
         let middle = |corners: &[u32; 3]| {

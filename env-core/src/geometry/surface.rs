@@ -8,7 +8,7 @@ use std::{collections::HashMap, f64::consts::TAU, sync::Arc};
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
-use super::{Distance, cached::Cached, distance::TriangleTree, parts::defect_of_parts};
+use super::{Distance, cached::Cached, distance::TriangleTree};
 use crate::{Error, Result};
 
 /// A watertight, outward-oriented triangle surface (m).
@@ -82,18 +82,6 @@ impl Surface {
             surface.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
         Ok(surface)
-    }
-
-    /// Performs [`Surface::new`] for a surface that bounds one solid, which can touch: parts that
-    /// overlap or touch each other are an error, too.
-    pub fn of_solid(name: &str, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self> {
-        let surface = Self::new(name, vertices, triangles)?;
-        match defect_of_parts(&surface) {
-            Some(defect) => {
-                Err(Error::BadMesh { name: name.to_owned(), reason: defect.to_string() })
-            }
-            None => Ok(surface),
-        }
     }
 
     /// Returns a surface of parts that are known to be valid.

@@ -111,8 +111,14 @@ def _expect_all(envs: NativeVectorEnv, rows: Sequence[int], name: str) -> None:
         raise ValueError(f"indices: found {found}, expected all: they share {name}")
 
 
-def _look(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
-    return [envs.look(row) for row in rows]
+def _of_row(name: str) -> Callable[..., list[Any]]:
+    """A method of the batch that takes the number of a row."""
+    return lambda envs, rows: [getattr(envs, name)(row) for row in rows]
+
+
+def _shared(name: str) -> Callable[..., list[Any]]:
+    """A method of the batch whose result holds for every row, and that changes nothing."""
+    return lambda envs, rows: [getattr(envs, name)() for _ in rows]
 
 
 def _state(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
@@ -157,33 +163,17 @@ def _render(envs: NativeVectorEnv, rows: Sequence[int], camera: Camera | None = 
     return [envs.picture(row, camera) for row in rows]
 
 
-def _channels(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
-    return [envs.channels() for _ in rows]
-
-
-def _surfaces(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
-    return [envs.surfaces(row) for row in rows]
-
-
-def _presses(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
-    return [envs.presses(row) for row in rows]
-
-
-def _skin(envs: NativeVectorEnv, rows: Sequence[int]) -> list[Any]:
-    return [envs.skin() for _ in rows]
-
-
 _METHODS: dict[str, Callable[..., list[Any]]] = {
-    "look": _look,
+    "look": _of_row("look"),
     "state": _state,
     "set_state": _set_state,
     "reset": _reset,
     "step": _step,
     "render": _render,
-    "channels": _channels,
-    "skin": _skin,
-    "surfaces": _surfaces,
-    "presses": _presses,
+    "channels": _shared("channels"),
+    "skin": _shared("skin"),
+    "surfaces": _of_row("surfaces"),
+    "presses": _of_row("presses"),
 }
 """Methods of a single environment, as called for rows."""
 
