@@ -236,9 +236,8 @@ def savings(scenes: dict) -> dict:
 
 PAGE = """# What a scene costs
 
-Of earlier networks of the gel, *network* and *fine network*, and of linear elasticity with contact
-at points, *linear*; *rigid* is without touch, *finer step* with steps of 1 ms in place of 4 ms. The
-network that is shipped is slower: [What touch costs](../../py/docs/touch.md#what-touch-costs).
+Of the network of the gel, *network*, and of the linear elasticity that it corrects, *linear*;
+*rigid* is without touch, *finer step* with steps of 1 ms in place of 4 ms.
 
 Steps a second of one thread while both pads touch, and the stage that takes most of them:
 
