@@ -42,6 +42,13 @@ pub(super) struct NodalScratch {
     pub(super) spots: Spots,
 }
 
+impl NodalScratch {
+    /// Size of what it holds, used or not (bytes).
+    pub(super) fn bytes(&self) -> usize {
+        size_of::<f32>() * self.displacement.capacity() + self.spots.bytes()
+    }
+}
+
 /// Motion of the shapes in one load step.
 #[derive(Clone, Copy)]
 pub(super) struct Move<'a> {

@@ -117,6 +117,11 @@ impl Spots {
         runs
     }
 
+    /// Size of the responses by the sides, the largest part, whether they are in use or not (bytes).
+    pub(super) fn bytes(&self) -> usize {
+        size_of::<f32>() * self.rows.capacity()
+    }
+
     /// Displacement of a cell (m).
     pub(super) fn moved(&self, cell: usize, displacement: &[f32]) -> Vector3<f64> {
         let at = |place: usize| <[f32; 3]>::try_from(&displacement[3 * place..][..3]).unwrap();
