@@ -12,7 +12,7 @@ use crate::{Error, Result};
 const TOUCHING: f64 = 1e-9;
 
 /// A connected part of a surface, oriented outwards.
-struct Part {
+struct SurfacePart {
     surface: Surface,
     /// Solid inside, or a cavity: the part was oriented inwards.
     is_solid: bool,
@@ -75,12 +75,12 @@ fn defect_of_parts(surface: &Surface) -> Option<PartsDefect> {
 }
 
 /// Returns whether the bounding boxes of two parts are farther apart than `near` (m).
-fn apart(part: &Part, other: &Part, near: f64) -> bool {
+fn apart(part: &SurfacePart, other: &SurfacePart, near: f64) -> bool {
     let ((low, high), (other_low, other_high)) = (part.bounds, other.bounds);
     (0..3).any(|k| low[k] > other_high[k] + near || other_low[k] > high[k] + near)
 }
 
-impl Part {
+impl SurfacePart {
     /// Returns whether this part lies inside the solid that `other` encloses, or a place at which
     /// they meet within `near` (m).
     fn inside(&self, other: &Self, near: f64) -> std::result::Result<bool, Point3<f64>> {
@@ -117,7 +117,7 @@ impl Part {
 }
 
 /// Connected parts of a surface.
-fn parts(surface: &Surface) -> Vec<Part> {
+fn parts(surface: &Surface) -> Vec<SurfacePart> {
     let (vertices, triangles) = (surface.vertices(), surface.triangles());
     // Each vertex leads to another of its part, and in the end to the one that stands for the part.
     let mut leads: Vec<u32> = (0..vertices.len() as u32).collect();
@@ -147,7 +147,7 @@ fn end(leads: &mut [u32], mut vertex: u32) -> u32 {
     vertex
 }
 
-fn part(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Part {
+fn part(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> SurfacePart {
     let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
     used.sort_unstable();
     used.dedup();
@@ -161,7 +161,7 @@ fn part(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Part {
     } else {
         Surface::from_parts(places, corners.map(|[a, b, c]| [a, c, b]).collect())
     };
-    Part { bounds: surface.bounds(), surface, is_solid }
+    SurfacePart { bounds: surface.bounds(), surface, is_solid }
 }
 
 #[cfg(test)]

@@ -42,10 +42,6 @@ const FIRST: f64 = 1.33e-3;
 /// Number of levels whose cells have precomputed data.
 const KEPT: usize = 2;
 
-/// Largest working memory that a thread keeps between presses (bytes). Few presses need more, of
-/// which one may take a hundred times as much.
-const MOST_KEPT: usize = 4 << 20;
-
 thread_local! {
     /// Reused from press to press: to free and allocate megabytes costs as much as a small press.
     static SCRATCH: RefCell<NodalScratch> = RefCell::default();
@@ -158,9 +154,7 @@ impl LayeredPad {
             Ok(stepping) => stepping.every(press),
             Err(error) => vec![Err(error)],
         };
-        if scratch.bytes() <= MOST_KEPT {
-            SCRATCH.set(scratch);
-        }
+        SCRATCH.set(scratch.trimmed());
         answers
     }
 

@@ -35,6 +35,10 @@ const PARTS: u32 = 8;
 /// the additional numbers.
 const BRIDGE: usize = PIECE;
 
+/// Largest working memory that a thread keeps between presses (bytes). Without a bound it would keep
+/// what the largest press has needed.
+const MOST_KEPT: usize = 4 << 20;
+
 /// Working memory of one thread, reused for successive presses.
 #[derive(Default)]
 pub(super) struct NodalScratch {
@@ -43,9 +47,10 @@ pub(super) struct NodalScratch {
 }
 
 impl NodalScratch {
-    /// Size of what it holds, used or not (bytes).
-    pub(super) fn bytes(&self) -> usize {
-        size_of::<f32>() * self.displacement.capacity() + self.spots.bytes()
+    /// Returns it as it is, or an empty one in place of one that is larger than [`MOST_KEPT`].
+    pub(super) fn trimmed(self) -> Self {
+        let bytes = size_of::<f32>() * self.displacement.capacity() + self.spots.bytes();
+        if bytes <= MOST_KEPT { self } else { Self::default() }
     }
 }
 
@@ -486,4 +491,20 @@ fn is_near(motion: Move, group: &PointGroup, room: f64) -> bool {
 fn displaced(displacement: &[f32], rank: u32) -> Vector3<f64> {
     let u = &displacement[3 * rank as usize..][..3];
     Vector3::new(f64::from(u[0]), f64::from(u[1]), f64::from(u[2]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_keeps_what_usual_presses_need_and_not_what_the_largest_did() {
+        let of = |numbers: usize| NodalScratch {
+            displacement: Vec::with_capacity(numbers),
+            ..NodalScratch::default()
+        };
+        let most = MOST_KEPT / size_of::<f32>();
+        assert!(of(most / 2).trimmed().displacement.capacity() >= most / 2);
+        assert_eq!(of(2 * most).trimmed().displacement.capacity(), 0);
+    }
 }
