@@ -245,7 +245,7 @@ def test_a_folder_with_another_dataset_is_refused(folder):
         ({"grasps": -1}, "found integer `-1`, expected a whole number from 0"),
         (
             {"scenario": "presses", "frames": 3},
-            "frames: found 3, expected 7, the most that",
+            "frames: found 3, expected 7, as many as a press has",
         ),
         ({"colour": "red"}, "unknown field `colour`"),
         ({"truth_element": "p9"}, "p9"),
