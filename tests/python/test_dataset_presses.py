@@ -300,6 +300,10 @@ def test_a_mended_configuration_is_taken_after_one_that_was_refused(tmp_path):
     few = {**PRESSES, "objects": 1, "truth_nodes": 100}
     with pytest.raises(ValueError, match="sensor: found gelsight"):
         dataset.generate(tmp_path / "d", **{**few, "gels": [{**GEL, "sensor": "gelsight"}]})
+    # That a pad cannot be meshed by so few nodes is only found where it is meshed.
+    with pytest.raises(ValueError, match="nodes: found 5"):
+        dataset.generate(tmp_path / "d", **{**few, "model_nodes": 5})
+    assert not (tmp_path / "d/config.json").exists()
     assert dataset.generate(tmp_path / "d", **few) is not None
 
 
@@ -325,5 +329,9 @@ def test_wrong_settings_are_named(tmp_path):
         dataset.generate(tmp_path / "scale", **{**PRESSES, "scale": [0.5, 0.1]})
     with pytest.raises(ValueError, match="objects: found 100001"):
         dataset.generate(tmp_path / "many", **{**PRESSES, "objects": 100_001})
+    for name, value in (("poisson", 0.6), ("young", -1.0), ("friction", 101.0)):
+        with pytest.raises(ValueError, match=rf"gels\[1\]\.{name}: found {value:g}"):
+            gels = [GEL, {**GEL, name: value}]
+            dataset.generate(tmp_path / name, **{**PRESSES, "gels": gels})
     found = dataset.generate(tmp_path / "few", **{**PRESSES, "objects": 1, "truth_nodes": 100})
     assert found is not None and "nodes: found 100" in found.manifest["unsolved"][0]["error"]

@@ -10,12 +10,13 @@ use super::{
 };
 use crate::{
     Error, Result,
+    contact::check_friction,
     deformation::{Law, Moduli, SoftBody},
     error::within,
     fem::{Element, Fem, FemOptions},
     geometry::{PadMesh, TetMesh},
     objects::{Object, catalogue, indenters, names},
-    sensor::Sensor,
+    sensor::{MOST_FRICTION, Sensor},
 };
 
 /// Settings that determine the bytes of a dataset.
@@ -360,7 +361,10 @@ impl DatasetConfig {
         if !(shares > 0.0 && self.gels.iter().all(|gel| gel.share >= 0.0)) {
             return Err(Error::invalid("gels", shares, "shares from 0 with a sum above 0"));
         }
-        self.gels = self.gels.into_iter().map(GelConfig::defined).collect::<Result<_>>()?;
+        let defined = |(i, gel): (usize, GelConfig)| {
+            gel.defined().map_err(|error| error.within(&format!("gels[{i}]")))
+        };
+        self.gels = self.gels.into_iter().enumerate().map(defined).collect::<Result<_>>()?;
         self.know_names()?;
         self.meshes = mesh_object::identified(self.meshes)?;
         self.own_objects()?;
@@ -393,8 +397,11 @@ pub(super) struct PadModels {
 }
 
 impl GelConfig {
-    /// Returns this gel with the content of its sensor's file; an error if there is no such sensor.
+    /// Returns this gel with the content of its sensor's file; an error if there is no such sensor,
+    /// or if no material can have these moduli or this friction.
     fn defined(mut self) -> Result<Self> {
+        self.moduli().check()?;
+        check_friction(self.friction, MOST_FRICTION)?;
         if self.definition.is_none() && Sensor::is_file(&self.sensor) {
             let text = fs::read_to_string(&self.sensor);
             self.definition = Some(text.map_err(|error| Error::file(&self.sensor, error))?);

@@ -94,7 +94,7 @@ pub fn estimate(config: &DatasetConfig, folder: &Path) -> Result<Estimate> {
     let plans = plans(&config)?;
     let jobs = jobs(&plans);
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = ScenarioBodies::new(&config, &objects, None)?;
+    let setup = ScenarioBodies::new(&config, &objects, false)?;
     let open = jobs.iter().filter(|job| !is_whole(&folder.join(&job.file)));
     let grasps: usize = open.map(|job| job.missing(folder).len()).sum();
     let frames = grasps * config.most_frames();
@@ -130,14 +130,20 @@ pub fn generate(
 ) -> Result<Option<Manifest>> {
     let config = config.clone().validated()?;
     let plans = plans(&config)?;
-    claim(&config, folder)?;
+    let is_claimed = is_claimed(&config, folder)?;
     let jobs = jobs(&plans);
     let chosen = choose(&jobs, orders.only)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(orders.threads).build();
     let pool =
         pool.map_err(|error| Error::invalid("threads", orders.threads, error.to_string()))?;
     let objects: Vec<_> = plans.iter().map(|(object, _)| object).collect();
-    let setup = pool.install(|| ScenarioBodies::new(&config, &objects, Some(folder)))?;
+    let setup = pool.install(|| ScenarioBodies::new(&config, &objects, true))?;
+    // Only now: a configuration whose bodies cannot be built would refuse the one that is mended.
+    config.meshes.iter().try_for_each(|mesh| mesh.keep(folder))?;
+    if !is_claimed {
+        write_whole(&folder.join("config.json"), Claim::text(&config).as_bytes())?;
+    }
+    setup.keep(folder)?;
     let (packed, open): (Vec<&Job>, Vec<&Job>) =
         chosen.into_iter().partition(|job| is_whole(&folder.join(&job.file)));
     let tasks: Vec<_> = open.iter().flat_map(|job| job.missing(folder)).collect();
@@ -188,33 +194,33 @@ struct Claim<'a> {
     config: &'a DatasetConfig,
 }
 
-/// Creates the folder and writes the configuration and copies of the meshes into it, or checks that
-/// it holds the same ones.
-fn claim(config: &DatasetConfig, folder: &Path) -> Result<()> {
+impl Claim<'_> {
+    fn text(config: &DatasetConfig) -> String {
+        let claim = Claim { format: FORMAT, config: &config.stored() };
+        serde_json::to_string_pretty(&claim).expect("plain data")
+    }
+}
+
+/// Creates the folder with its subfolders if missing, and returns whether the dataset of `config`
+/// lies there; an error if another one does.
+fn is_claimed(config: &DatasetConfig, folder: &Path) -> Result<bool> {
     for name in ["shards", "parts", "meshes"] {
         let path = folder.join(name);
         fs::create_dir_all(&path).map_err(|error| Error::file(&path, error))?;
     }
     let path = folder.join("config.json");
-    let claim = Claim { format: FORMAT, config: &config.stored() };
-    let text = serde_json::to_string_pretty(&claim).expect("plain data");
-    let keep = || config.meshes.iter().try_for_each(|mesh| mesh.keep(folder));
-    let refused = |reason: String| Err(Error::file(&path, reason));
-    match file::text(&path)? {
-        Some(found) if found == text => keep(),
-        Some(found) if !found.contains(&format!("\"format\": {FORMAT},")) => refused(format!(
-            "a dataset of another format lies here, expected format {FORMAT} or no folder"
-        )),
-        Some(found) => refused(match changed(config, &found) {
-            Some(mesh) => {
-                format!("a dataset with another {mesh} lies here, expected that mesh or no folder")
-            }
-            None => {
-                "another dataset lies here, expected this configuration or no folder".to_owned()
-            }
-        }),
-        None => keep().and_then(|()| write_whole(&path, text.as_bytes())),
+    let Some(found) = file::text(&path)? else { return Ok(false) };
+    if found == Claim::text(config) {
+        return Ok(true);
     }
+    let reason = if !found.contains(&format!("\"format\": {FORMAT},")) {
+        format!("a dataset of another format lies here, expected format {FORMAT} or no folder")
+    } else if let Some(mesh) = changed(config, &found) {
+        format!("a dataset with another {mesh} lies here, expected that mesh or no folder")
+    } else {
+        "another dataset lies here, expected this configuration or no folder".to_owned()
+    };
+    Err(Error::file(&path, reason))
 }
 
 /// Path of a mesh of `config` that has another content in a stored configuration, if there is one.
@@ -346,11 +352,13 @@ mod tests {
         let (path, config) = (folder.join("config.json"), DatasetConfig::default());
         // Not UTF-8.
         fs::write(&path, [0xff]).unwrap();
-        assert!(matches!(claim(&config, &folder), Err(Error::File { .. })));
+        let generated = generate(&config, &folder, &Orders::default(), &|_| false);
+        assert!(matches!(generated, Err(Error::File { .. })));
         assert_eq!(fs::read(&path).unwrap(), [0xff]);
         fs::remove_file(&path).unwrap();
-        claim(&config, &folder).unwrap();
-        claim(&config, &folder).unwrap();
+        assert!(!is_claimed(&config, &folder).unwrap());
+        fs::write(&path, Claim::text(&config)).unwrap();
+        assert!(is_claimed(&config, &folder).unwrap());
         fs::remove_dir_all(&folder).unwrap();
     }
 }

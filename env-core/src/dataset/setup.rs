@@ -2,6 +2,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::{
@@ -30,53 +31,57 @@ pub(super) enum ScenarioBodies {
 pub(super) struct Meshes {
     truth: TetMesh,
     model: TetMesh,
-    /// Number of contact points of the truth mesh.
-    points: usize,
+    /// Contact points of the truth mesh.
+    points: Vec<Point3<f64>>,
 }
 
 impl ScenarioBodies {
-    /// Meshes the soft bodies and writes the model meshes into `folder`, if given, where they are
-    /// missing.
-    pub(super) fn new(
-        config: &DatasetConfig,
-        objects: &[&Object],
-        folder: Option<&Path>,
-    ) -> Result<Self> {
-        let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
-            let Some(folder) = folder else { return Ok(()) };
-            let path = folder.join(format!("meshes/{name}.safetensors"));
-            if path.is_file() { Ok(()) } else { write_whole(&path, &bytes()) }
-        };
-        let pads = |(number, gel): (usize, &GelConfig)| {
+    /// Meshes the soft bodies; with `linear`, pads under presses get the models that the
+    /// configuration adds to finite elements, which take seconds.
+    pub(super) fn new(config: &DatasetConfig, objects: &[&Object], linear: bool) -> Result<Self> {
+        let pads = |gel: &GelConfig| {
             let pads = gel.pads(config)?;
             let carrier = Carrier::new(&pads.truth, &pads.model.mesh)?;
-            keep(&number.to_string(), &|| pads.mesh_file())?;
             Ok((pads, carrier))
         };
         let soft = |object: &&Object| {
             let truth = object.tets_within(config.truth_nodes)?;
             let model = object.tets_within(config.model_nodes)?;
             let points = config.gels[0].object(truth.clone(), config)?.contact_points();
-            keep(&object.name, &|| mesh_file(&model, &[], &points))?;
-            let meshes = Meshes { truth, model, points: points.len() };
-            Ok((object.name.clone(), meshes))
+            Ok((object.name.clone(), Meshes { truth, model, points }))
         };
+        let linear = linear && config.truth_linear_nodes > 0;
+        let pressed = |gel: &GelConfig| PressedPad::new(gel, config.model_nodes, linear);
+        let gels = config.gels.par_iter();
         Ok(match config.scenario {
-            Scenario::Pads => {
-                Self::Pads(config.gels.par_iter().enumerate().map(pads).collect::<Result<_>>()?)
-            }
-            Scenario::Presses => {
-                let fine = folder.is_some() && config.truth_linear_nodes > 0;
-                let pad = |(number, gel): (usize, &GelConfig)| {
-                    let pad = PressedPad::new(gel, config.model_nodes, fine)?;
-                    let file = || mesh_file(&pad.model.mesh, &pad.model.base, &[]);
-                    keep(&number.to_string(), &file)?;
-                    Ok(pad)
-                };
-                Self::Presses(config.gels.par_iter().enumerate().map(pad).collect::<Result<_>>()?)
-            }
+            Scenario::Pads => Self::Pads(gels.map(pads).collect::<Result<_>>()?),
+            Scenario::Presses => Self::Presses(gels.map(pressed).collect::<Result<_>>()?),
             Scenario::Soft => Self::Soft(objects.par_iter().map(soft).collect::<Result<_>>()?),
         })
+    }
+
+    /// Writes the meshes on which fields are stored into `folder`, where they are missing.
+    pub(super) fn keep(&self, folder: &Path) -> Result<()> {
+        let keep = |name: &str, bytes: &dyn Fn() -> Vec<u8>| {
+            let path = folder.join(format!("meshes/{name}.safetensors"));
+            if path.is_file() { Ok(()) } else { write_whole(&path, &bytes()) }
+        };
+        match self {
+            Self::Pads(gels) => {
+                let mut gels = gels.iter().enumerate();
+                gels.try_for_each(|(i, (pads, _))| keep(&i.to_string(), &|| pads.mesh_file()))
+            }
+            Self::Presses(gels) => {
+                gels.iter().enumerate().try_for_each(|(i, PressedPad { model, .. })| {
+                    keep(&i.to_string(), &|| mesh_file(&model.mesh, &model.base, &[]))
+                })
+            }
+            Self::Soft(objects) => {
+                objects.iter().try_for_each(|(name, Meshes { model, points, .. })| {
+                    keep(name, &|| mesh_file(model, &[], points))
+                })
+            }
+        }
     }
 
     /// Solves the grasp `plan` of `object` and returns it as a shard of its own.
@@ -129,7 +134,7 @@ impl ScenarioBodies {
             }
             Self::Presses(gels) => body(&gels[0].model.mesh, 0),
             Self::Soft(objects) => {
-                let sizes = objects.values().map(|meshes| body(&meshes.model, meshes.points));
+                let sizes = objects.values().map(|meshes| body(&meshes.model, meshes.points.len()));
                 sizes.sum::<usize>() / objects.len()
             }
         };

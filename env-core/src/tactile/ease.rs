@@ -31,18 +31,25 @@ fn window(heights: &[f64], free: &[f64], grid: &PlanGrid) -> Option<[Range<usize
     let counts @ [nx, ny] = grid.counts.map(|count| count as usize);
     let most = grid.cell.map(|cell| STEEPEST * cell);
     let (mut low, mut high, mut drop) = (counts, [0, 0], 0.0f64);
-    for pixel in (0..heights.len()).filter(|&pixel| heights[pixel] < free[pixel]) {
-        let at @ [i, j] = [pixel % nx, pixel / nx];
-        let before =
-            [(i > 0, 1, 0), (j > 0, nx, 1)].map(|(is, n, axis)| (is, pixel.wrapping_sub(n), axis));
-        let after = [(i + 1 < nx, pixel + 1, 0), (j + 1 < ny, pixel + nx, 1)];
-        let beside = before.into_iter().chain(after).filter(|(is_there, ..)| *is_there);
-        let steps = beside.map(|(_, other, axis)| heights[other] - heights[pixel] - most[axis]);
-        let step = steps.fold(0.0, f64::max);
-        if step > 0.0 {
-            low = [0, 1].map(|axis| low[axis].min(at[axis]));
-            high = [0, 1].map(|axis| high[axis].max(at[axis]));
-            drop = drop.max(step);
+    for j in 0..ny {
+        for i in 0..nx {
+            let pixel = j * nx + i;
+            let height = heights[pixel];
+            if height >= free[pixel] {
+                continue;
+            }
+            let step = |is_there: bool, beside: usize, axis: usize| {
+                if is_there { heights[beside] - height - most[axis] } else { 0.0 }
+            };
+            let step = step(i > 0, pixel.wrapping_sub(1), 0)
+                .max(step(i + 1 < nx, pixel + 1, 0))
+                .max(step(j > 0, pixel.wrapping_sub(nx), 1))
+                .max(step(j + 1 < ny, pixel + nx, 1));
+            if step > 0.0 {
+                low = [low[0].min(i), low[1].min(j)];
+                high = [high[0].max(i), high[1].max(j)];
+                drop = drop.max(step);
+            }
         }
     }
     let part = |axis: usize| {

@@ -76,7 +76,7 @@ impl TactileCamera {
             let raised: Vec<_> = raised.map(|((z, rest), rise)| (z - rest - rise) as f32).collect();
             self.add_response(&self.smoothed(&raised), &mut colours);
         }
-        colours.iter().flatten().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
+        colours.as_flattened().iter().map(|c| f64::from(c.clamp(0.0, 1.0))).collect()
     }
 
     /// Convolves a map (P) with the camera's Gaussian; beyond the view it has the values of the
@@ -135,10 +135,13 @@ impl TactileCamera {
                 let of_row = y.powi(d.into());
                 row.add([a, b, c].map(usize::from), coefficients.map(|k| k as f32 * of_row));
             }
-            for (i, colour) in colours.iter_mut().enumerate() {
-                for (c, added) in colour.iter_mut().zip(&row.colours) {
-                    *c += added[i];
-                }
+            let [red, green, blue] = &row.colours;
+            for (colour, ((red, green), blue)) in
+                colours.iter_mut().zip(red.iter().zip(green).zip(blue))
+            {
+                colour[0] += red;
+                colour[1] += green;
+                colour[2] += blue;
             }
         }
     }
@@ -225,10 +228,15 @@ impl ResponseRow {
 /// Fills in the powers 2 and up of the values in `powers[1]`.
 fn raise(powers: &mut [Vec<f32>]) {
     for power in 2..powers.len() {
-        let [lower, higher] = [power - 1, power];
-        for i in 0..powers[1].len() {
-            powers[higher][i] = powers[lower][i] * powers[1][i];
-        }
+        let (lower, higher) = powers.split_at_mut(power);
+        let (base, last, next) = (&lower[1][..], &lower[power - 1][..], &mut higher[0][..]);
+        vectorised(
+            #[inline(always)]
+            || {
+                let pairs = base.iter().zip(last);
+                next.iter_mut().zip(pairs).for_each(|(next, (base, last))| *next = base * last);
+            },
+        );
     }
 }
 

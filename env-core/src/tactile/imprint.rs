@@ -10,7 +10,7 @@
 //!
 //! Shapes: V nodes of the mesh, P pixels, those across the fastest.
 
-use std::{cell::OnceCell, sync::OnceLock};
+use std::{cell::OnceCell, ops::Range, sync::OnceLock};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -206,25 +206,33 @@ impl Covered {
             let places = corners.map(|node| face.places[node as usize] + motion[node as usize]);
             let is_far = corners.iter().all(|&node| shares[node as usize] == 0.0);
             if is_far || grid.misses(&places, fine.spacing) {
-                depth::cover_by(&places, grid, |pixel, z, _| covered.raise(pixel, z, 0.0));
+                let heights = places.map(|place| place.z);
+                depth::cover_by(&places, [heights], grid, |pixels, [z]| {
+                    covered.raise(pixels, |k| [z.at(k), 0.0]);
+                });
                 continue;
             }
             for triangle in fine.fine(number) {
                 let nodes = triangle.map(&mut place);
-                let smooth = nodes.map(|(_, share)| share);
-                depth::cover_by(&nodes.map(|(place, _)| place), grid, |pixel, z, [a, b, c]| {
-                    covered.raise(pixel, z, a * smooth[0] + b * smooth[1] + c * smooth[2]);
+                let (places, smooth) =
+                    (nodes.map(|(place, _)| place), nodes.map(|(_, share)| share));
+                let heights = places.map(|place| place.z);
+                depth::cover_by(&places, [heights, smooth], grid, |pixels, [z, share]| {
+                    covered.raise(pixels, |k| [z.at(k), share.at(k)]);
                 });
             }
         }
         covered
     }
 
-    /// Raises a pixel to `height` (m).
-    fn raise(&mut self, pixel: usize, height: f64, share: f64) {
-        if height > self.heights[pixel] {
-            self.heights[pixel] = height;
-            self.shares[pixel] = share;
+    /// Raises a row of pixels to the height (m) that `found` gives of each, with its share.
+    fn raise(&mut self, pixels: Range<usize>, found: impl Fn(i32) -> [f64; 2]) {
+        let row = self.heights[pixels.clone()].iter_mut().zip(&mut self.shares[pixels]);
+        for (k, (height, share)) in (0..).zip(row) {
+            let [z, smooth] = found(k);
+            if z > *height {
+                (*height, *share) = (z, smooth);
+            }
         }
     }
 }

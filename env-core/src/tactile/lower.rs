@@ -2,16 +2,27 @@
 //!
 //! Shapes: P pixels, those across the fastest.
 
-use nalgebra::{Isometry3, Point3, Similarity3, Vector3};
+#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Vector3};
 
 use super::{depth, face::PlanGrid};
-use crate::geometry::Shape;
+use crate::{geometry::Shape, simd::vectorised};
 
 /// Pixels along an edge of the tiles that are tested against the object as a whole.
 const TILE: u32 = 8;
 
 /// Lowers heights (P) inside of an object to where a line from below enters it.
 pub(super) fn lower(heights: &mut [f64], grid: &PlanGrid, shape: &Shape, pose: &Isometry3<f64>) {
+    match shape {
+        Shape::Sphere { radius } => {
+            return lower_to_ellipsoid(heights, grid, &Vector3::repeat(*radius), pose);
+        }
+        Shape::Ellipsoid { semi_axes } => {
+            return lower_to_ellipsoid(heights, grid, semi_axes, pose);
+        }
+        _ => {}
+    }
     let highest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let [x, y] = [0, 1].map(|axis| 0.5 * f64::from(grid.counts[axis]) * grid.cell[axis]);
     let within = [Point3::new(-x, -y, f64::NEG_INFINITY), Point3::new(x, y, highest)];
@@ -28,9 +39,14 @@ fn lower_to_triangles(heights: &mut [f64], grid: &PlanGrid, triangles: &[[Point3
     for triangle in triangles {
         let [u, v] = [1, 2].map(|corner| triangle[corner] - triangle[0]);
         let enters = u.x * v.y < u.y * v.x;
-        depth::cover_by(triangle, grid, |pixel, z, _| {
-            if crossed[pixel].0 < z && z < heights[pixel] {
-                crossed[pixel] = (z, enters);
+        let corners = triangle.map(|corner| corner.z);
+        depth::cover_by(triangle, [corners], grid, |pixels, [z]| {
+            let row = crossed[pixels.clone()].iter_mut().zip(&heights[pixels]);
+            for (k, (last, height)) in (0..).zip(row) {
+                let z = z.at(k);
+                if last.0 < z && z < *height {
+                    *last = (z, enters);
+                }
             }
         });
     }
@@ -41,29 +57,81 @@ fn lower_to_triangles(heights: &mut [f64], grid: &PlanGrid, triangles: &[[Point3
     }
 }
 
+/// Lowers heights (P) inside of an ellipsoid.
+fn lower_to_ellipsoid(
+    heights: &mut [f64],
+    grid: &PlanGrid,
+    semi_axes: &Vector3<f64>,
+    pose: &Isometry3<f64>,
+) {
+    // Where q = p − centre and F = R diag(1/semi-axes²) Rᵀ, the solid is qᵀ F q ≤ 1: for given
+    // (x, y), a quadratic a z² + 2 b z + c ≤ 0.
+    let turn = pose.rotation.to_rotation_matrix();
+    let squares = semi_axes.component_mul(semi_axes);
+    let form = |diagonal: Vector3<f64>| {
+        turn.matrix() * Matrix3::from_diagonal(&diagonal) * turn.matrix().transpose()
+    };
+    let (f, extents) = (form(squares.map(f64::recip)), form(squares).diagonal().map(f64::sqrt));
+    let centre = pose.translation.vector;
+    let [columns, rows] = [0, 1].map(|axis| {
+        let half = 0.5 * f64::from(grid.counts[axis]) - 0.5;
+        let at = |p: f64| (p / grid.cell[axis] + half).clamp(0.0, 2.0 * half + 1.0);
+        let (from, to) = (at(centre[axis] - extents[axis]), at(centre[axis] + extents[axis]));
+        from.floor() as u32..(to.ceil() as u32 + 1).min(grid.counts[axis])
+    });
+    let (a, left, cell) = (f[(2, 2)], grid.centre(0, columns.start) - centre.x, grid.cell[0]);
+    for j in rows {
+        let y = grid.centre(1, j) - centre.y;
+        let start = (j * grid.counts[0]) as usize;
+        let row = &mut heights[start + columns.start as usize..start + columns.end as usize];
+        vectorised(
+            #[inline(always)]
+            || {
+                for (i, height) in (0i32..).zip(row.iter_mut()) {
+                    let x = left + f64::from(i) * cell;
+                    let b = f[(0, 2)] * x + f[(1, 2)] * y;
+                    let c = f[(0, 0)] * x * x + 2.0 * f[(0, 1)] * x * y + f[(1, 1)] * y * y - 1.0;
+                    let root = (b * b - a * c).max(0.0).sqrt();
+                    let [enters, leaves] = [-root, root].map(|root| centre.z + (root - b) / a);
+                    // Without a crossing both are the same.
+                    let is_inside = enters < *height && *height <= leaves;
+                    *height = if is_inside { enters } else { *height };
+                }
+            },
+        );
+    }
+}
+
 /// Lowers heights (P) inside of a solid by a ray for each.
 fn lower_by_rays(heights: &mut [f64], grid: &PlanGrid, shape: &Shape, pose: &Isometry3<f64>) {
     let [nx, ny] = grid.counts;
-    let place = |i: u32, j: u32, z: f64| Point3::new(grid.centre(0, i), grid.centre(1, j), z);
+    // The frame of the solid.
+    let to_solid = pose.inverse();
+    let turn = to_solid.rotation.to_rotation_matrix();
+    let [across, along, up] = [0, 1, 2].map(|axis| turn.matrix().column(axis).into_owned());
+    let place = |i: u32, j: u32, z: f64| {
+        let of_row = to_solid.translation.vector + grid.centre(1, j) * along;
+        Point3::from(of_row + grid.centre(0, i) * across + z * up)
+    };
     let tiles = (0..ny.div_ceil(TILE)).flat_map(|j| (0..nx.div_ceil(TILE)).map(move |i| (i, j)));
     for (i, j) in tiles {
         let columns = i * TILE..((i + 1) * TILE).min(nx);
         let rows = j * TILE..((j + 1) * TILE).min(ny);
-        let pixels = || rows.clone().flat_map(|j| columns.clone().map(move |i| (i, j)));
-        let number = |(i, j): (u32, u32)| (j * nx + i) as usize;
-        let range = pixels().map(|pixel| heights[number(pixel)]);
+        let row = |j: u32| (j * nx + columns.start) as usize..(j * nx + columns.end) as usize;
+        let range = rows.clone().flat_map(|j| &heights[row(j)]);
         let [low, high] = range
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(z), high.max(z)]);
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], z| [low.min(*z), high.max(*z)]);
         let corner = place(columns.start, rows.start, 0.5 * (low + high));
         let [dx, dy] = grid.cell.map(|cell| f64::from(TILE) * cell);
         let radius = dx.hypot(dy) + 0.5 * (high - low);
-        if shape.distance(&pose.inverse_transform_point(&corner)).value > radius {
+        if shape.distance(&corner).value > radius {
             continue;
         }
-        for pixel in pixels() {
-            let height = &mut heights[number(pixel)];
-            if let Some(gap) = gap(shape, pose, &place(pixel.0, pixel.1, *height)) {
-                *height += gap.min(0.0);
+        for j in rows {
+            for (i, height) in columns.clone().zip(&mut heights[row(j)]) {
+                if let Some(gap) = shape.ray_gap(&place(i, j, *height), &up) {
+                    *height += gap.min(0.0);
+                }
             }
         }
     }
@@ -82,8 +150,8 @@ mod tests {
     use super::*;
     use crate::geometry::{Bump, Hollow, StarShaped, Wave};
 
-    /// Solids that are lowered to triangles, each with the solid as rays see it, and by how much
-    /// the triangles may be off its surface (m).
+    /// Solids that faces are lowered to without rays, each with the solid as rays see it, and by how
+    /// much what they are lowered to may be off its surface (m).
     fn solids() -> Vec<(Shape, Shape, f64)> {
         let wave = Wave { amplitude: 0.03, vector: Vector3::new(3.0, 2.0, 1.0), phase: 0.3 };
         let dimple = Bump { amplitude: -0.1, axis: -Vector3::z_axis(), concentration: 12.0 };
@@ -97,7 +165,11 @@ mod tests {
         let prism = Shape::Prism { sides: 6, radius: 0.01, half_height: 0.015 };
         let cup = Shape::Cup { bottom: 0.01, rim: 0.012, half_height: 0.01, wall: 5e-4 };
         let mesh = Shape::Mesh(Arc::new(cup.surface(24).unwrap()));
+        let ball = Shape::Sphere { radius: 0.006 };
+        let ellipsoid = Shape::Ellipsoid { semi_axes: Vector3::new(0.006, 0.009, 0.02) };
         vec![
+            (ball.clone(), ball, 1e-12),
+            (ellipsoid.clone(), ellipsoid, 1e-12),
             (cuboid.clone(), cuboid, 1e-9),
             (prism.clone(), prism, 1e-9),
             (mesh.sampled().scaled(1.3), mesh.scaled(1.3), 1e-9),
@@ -109,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_lower_a_face_as_rays_do() {
+    fn a_face_is_lowered_as_by_rays() {
         let grid = PlanGrid { counts: [60, 80], cell: [2.5e-4; 2] };
         let face = |[x, y]: [f64; 2]| 3e-4 * ((1e3 * x).sin() + (700.0 * y).cos());
         let before: Vec<f64> = grid.centres().map(face).collect();

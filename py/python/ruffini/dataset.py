@@ -137,15 +137,8 @@ def generate(
     def ask(*progress: Any) -> bool:
         return watch is None or watch(Progress(*progress))
 
-    overrides, claim = json.dumps(settings, default=plain), Path(folder) / "config.json"
-    is_new = shards is None and not claim.exists()
-    try:
-        finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
-    except ValueError:
-        # Nothing was solved with it, and it would refuse a configuration that is mended.
-        if is_new and not any(any((Path(folder) / p).glob("*")) for p in ("parts", "shards")):
-            claim.unlink(missing_ok=True)
-        raise
+    overrides = json.dumps(settings, default=plain)
+    finished = generate_dataset(folder, config, overrides, commit, threads or 0, shards, ask)
     return Dataset(folder) if finished else None
 
 

@@ -164,8 +164,8 @@ impl Line {
 
     /// Piece of the line with low ≤ xᵢ ≤ high.
     fn in_slab(&self, i: usize, [low, high]: [f64; 2]) -> Option<Chord> {
-        let axis = Vector3::ith(i, 1.0);
-        both(self.under(&axis, high)?, self.under(&-axis, -low)?)
+        let (origin, direction) = (self.origin[i], self.direction[i]);
+        both(linear(direction, origin - high)?, linear(-direction, low - origin)?)
     }
 
     fn in_ball(&self, radius: f64) -> Option<Chord> {
