@@ -2,26 +2,18 @@
 //!
 //! Shapes: P pixels, those across the fastest.
 
-#![allow(clippy::inline_always)] // Code that is not inlined is not compiled for the processor.
+use nalgebra::{Isometry3, Point3, Similarity3, Vector3};
 
-use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Vector3};
-
-use super::{depth, face::PlanGrid};
-use crate::{geometry::Shape, simd::vectorised};
+use super::{depth, face::PlanGrid, round::lower_to_round};
+use crate::geometry::Shape;
 
 /// Pixels along an edge of the tiles that are tested against the object as a whole.
 const TILE: u32 = 8;
 
 /// Lowers heights (P) inside of an object to where a line from below enters it.
 pub(super) fn lower(heights: &mut [f64], grid: &PlanGrid, shape: &Shape, pose: &Isometry3<f64>) {
-    match shape {
-        Shape::Sphere { radius } => {
-            return lower_to_ellipsoid(heights, grid, &Vector3::repeat(*radius), pose);
-        }
-        Shape::Ellipsoid { semi_axes } => {
-            return lower_to_ellipsoid(heights, grid, semi_axes, pose);
-        }
-        _ => {}
+    if lower_to_round(heights, grid, shape, pose) {
+        return;
     }
     let highest = heights.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let [x, y] = [0, 1].map(|axis| 0.5 * f64::from(grid.counts[axis]) * grid.cell[axis]);
@@ -54,51 +46,6 @@ fn lower_to_triangles(heights: &mut [f64], grid: &PlanGrid, triangles: &[[Point3
         if enters {
             *height = z;
         }
-    }
-}
-
-/// Lowers heights (P) inside of an ellipsoid.
-fn lower_to_ellipsoid(
-    heights: &mut [f64],
-    grid: &PlanGrid,
-    semi_axes: &Vector3<f64>,
-    pose: &Isometry3<f64>,
-) {
-    // Where q = p − centre and F = R diag(1/semi-axes²) Rᵀ, the solid is qᵀ F q ≤ 1: for given
-    // (x, y), a quadratic a z² + 2 b z + c ≤ 0.
-    let turn = pose.rotation.to_rotation_matrix();
-    let squares = semi_axes.component_mul(semi_axes);
-    let form = |diagonal: Vector3<f64>| {
-        turn.matrix() * Matrix3::from_diagonal(&diagonal) * turn.matrix().transpose()
-    };
-    let (f, extents) = (form(squares.map(f64::recip)), form(squares).diagonal().map(f64::sqrt));
-    let centre = pose.translation.vector;
-    let [columns, rows] = [0, 1].map(|axis| {
-        let half = 0.5 * f64::from(grid.counts[axis]) - 0.5;
-        let at = |p: f64| (p / grid.cell[axis] + half).clamp(0.0, 2.0 * half + 1.0);
-        let (from, to) = (at(centre[axis] - extents[axis]), at(centre[axis] + extents[axis]));
-        from.floor() as u32..(to.ceil() as u32 + 1).min(grid.counts[axis])
-    });
-    let (a, left, cell) = (f[(2, 2)], grid.centre(0, columns.start) - centre.x, grid.cell[0]);
-    for j in rows {
-        let y = grid.centre(1, j) - centre.y;
-        let start = (j * grid.counts[0]) as usize;
-        let row = &mut heights[start + columns.start as usize..start + columns.end as usize];
-        vectorised(
-            #[inline(always)]
-            || {
-                for (i, height) in (0i32..).zip(row.iter_mut()) {
-                    let x = left + f64::from(i) * cell;
-                    let b = f[(0, 2)] * x + f[(1, 2)] * y;
-                    let c = f[(0, 0)] * x * x + 2.0 * f[(0, 1)] * x * y + f[(1, 1)] * y * y - 1.0;
-                    let root = (b * b - a * c).max(0.0).sqrt();
-                    let [enters, leaves] = [-root, root].map(|root| centre.z + (root - b) / a);
-                    // Without a crossing both are the same.
-                    let is_inside = enters < *height && *height <= leaves;
-                    *height = if is_inside { enters } else { *height };
-                }
-            },
-        );
     }
 }
 
@@ -145,7 +92,10 @@ pub(super) fn gap(shape: &Shape, pose: &Isometry3<f64>, place: &Point3<f64>) -> 
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
+    use std::{
+        f64::consts::{FRAC_PI_2, PI},
+        sync::Arc,
+    };
 
     use super::*;
     use crate::geometry::{Bump, Hollow, StarShaped, Wave};
@@ -165,11 +115,18 @@ mod tests {
         let prism = Shape::Prism { sides: 6, radius: 0.01, half_height: 0.015 };
         let cup = Shape::Cup { bottom: 0.01, rim: 0.012, half_height: 0.01, wall: 5e-4 };
         let mesh = Shape::Mesh(Arc::new(cup.surface(24).unwrap()));
-        let ball = Shape::Sphere { radius: 0.006 };
-        let ellipsoid = Shape::Ellipsoid { semi_axes: Vector3::new(0.006, 0.009, 0.02) };
-        vec![
-            (ball.clone(), ball, 1e-12),
-            (ellipsoid.clone(), ellipsoid, 1e-12),
+        let half_height = 0.01;
+        let round = [
+            Shape::Sphere { radius: 0.006 },
+            Shape::Ellipsoid { semi_axes: Vector3::new(0.006, 0.009, 0.02) },
+            Shape::Cylinder { radius: 0.007, half_height },
+            Shape::Cone { radius: 0.015, half_height },
+            Shape::Annulus { outer: 0.02, inner: 0.018, half_height },
+            Shape::Cup { bottom: 0.012, rim: 0.01, half_height, wall: 1e-3 },
+            cup.clone(),
+        ];
+        let mut solids: Vec<_> = round.map(|solid| (solid.clone(), solid, 1e-12)).into();
+        solids.extend([
             (cuboid.clone(), cuboid, 1e-9),
             (prism.clone(), prism, 1e-9),
             (mesh.sampled().scaled(1.3), mesh.scaled(1.3), 1e-9),
@@ -177,7 +134,8 @@ mod tests {
             (potato.sampled().scaled(1.2), potato.scaled(1.2), smooth),
             (potato.clone(), potato, smooth),
             (shell.clone(), shell, smooth),
-        ]
+        ]);
+        solids
     }
 
     #[test]
@@ -186,10 +144,12 @@ mod tests {
         let face = |[x, y]: [f64; 2]| 3e-4 * ((1e3 * x).sin() + (700.0 * y).cos());
         let before: Vec<f64> = grid.centres().map(face).collect();
         for (found, exact, tolerance) in solids() {
-            for turn in 0..5 {
-                let turn = f64::from(turn);
-                let about = Vector3::new(0.7 + turn, 1.3 * turn - 2.0, 0.4 * turn * turn);
-                let turned = Isometry3::rotation(about);
+            let upright = [Vector3::zeros(), PI * Vector3::x(), FRAC_PI_2 * Vector3::y()];
+            let any = (0..5)
+                .map(f64::from)
+                .map(|turn| Vector3::new(0.7 + turn, 1.3 * turn - 2.0, 0.4 * turn * turn));
+            for turn in upright.into_iter().chain(any) {
+                let turned = Isometry3::rotation(turn);
                 let vertices = exact.surface(32).unwrap();
                 let heights = vertices.vertices().iter().map(|v| (turned * v).z);
                 let low = heights.fold(f64::INFINITY, f64::min);
@@ -209,14 +169,14 @@ mod tests {
                     } else {
                         0.0
                     };
-                    let case = format!("{exact:?}, turn {turn}, {place:?}: {was} to {now} m");
+                    let case = format!("{exact:?}, turn {turn:?}, {place:?}: {was} to {now} m");
                     // Where the surface is steep, heights differ by more than the distance to it.
                     let agree = (now - was - ray.min(0.0)).abs() < 50.0 * tolerance;
                     assert!(agree || depth.abs() < tolerance, "{case}, by a ray {ray} m");
                     lowered += usize::from(now < was);
                     assert!(now == was || off(place, *now).abs() < tolerance, "{case}: off");
                 }
-                assert!(lowered > 30, "{exact:?}, turn {turn}: {lowered} pixels are lowered");
+                assert!(lowered > 20, "{exact:?}, turn {turn:?}: {lowered} pixels are lowered");
             }
         }
     }

@@ -18,6 +18,7 @@ mod imprint;
 mod lower;
 mod model;
 mod object;
+mod round;
 mod shell;
 mod skin;
 mod smooth_face;
