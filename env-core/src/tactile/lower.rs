@@ -127,7 +127,9 @@ mod tests {
             cup.clone(),
         ];
         let mut solids: Vec<_> = round.map(|solid| (solid.clone(), solid, 1e-12)).into();
+        let ellipsoid = Shape::Ellipsoid { semi_axes: Vector3::new(0.006, 0.009, 0.02) };
         solids.extend([
+            (ellipsoid.sampled().scaled(1.2), ellipsoid.scaled(1.2), 1e-12),
             (cuboid.clone(), cuboid, 1e-9),
             (prism.clone(), prism, 1e-9),
             (mesh.sampled().scaled(1.3), mesh.scaled(1.3), 1e-9),

@@ -40,9 +40,14 @@ impl Round {
         Self { slab, ..Self::frustum([0.0, 1.0], [radius; 2]) }
     }
 
+    fn scaled(self, factor: f64) -> Self {
+        let slab = self.slab.map(|z| factor * z);
+        Self { radius: factor * self.radius, slab, ..self }
+    }
+
     /// The solid `shape` and its hole, if this is how it is made.
-    fn of(shape: &Shape) -> Option<[Option<Self>; 2]> {
-        let (solid, hole) = match *shape {
+    fn of(shape: &Shape) -> Option<(Self, Option<Self>)> {
+        Some(match *shape {
             Shape::Sphere { radius } => (Self::ellipsoid(&Vector3::repeat(radius)), None),
             Shape::Ellipsoid { semi_axes } => (Self::ellipsoid(&semi_axes), None),
             Shape::Cylinder { radius, half_height: h } => (Self::cylinder(radius, [-h, h]), None),
@@ -54,60 +59,110 @@ impl Round {
                 let inside = Self::frustum([wall - h, h], [bottom - wall, rim - wall]);
                 (Self::frustum([-h, h], [bottom, rim]), Some(inside))
             }
+            Shape::Sampled(ref sampled) => {
+                let ((solid, hole), factor) = (Self::of(sampled.exact())?, sampled.scale());
+                (solid.scaled(factor), hole.map(|hole| hole.scaled(factor)))
+            }
             _ => return None,
-        };
-        Some([Some(solid), hole])
-    }
-
-    /// Pieces of lines with the direction `up`.
-    fn cut(self, up: &Vector3<f64>) -> Cut {
-        let growth = self.slope * up.z;
-        let a = self.metric.dot(&up.component_mul(up)) - growth * growth;
-        Cut { solid: self, up: *up, per_height: up.z.recip(), growth, a }
+        })
     }
 }
 
-/// A solid on parallel lines.
-#[derive(Clone, Copy)]
-struct Cut {
-    solid: Round,
+/// Pieces of a row of parallel lines in a solid (W): where each enters it and leaves it (m along
+/// the line); a line that does not leave above where it enters meets nothing.
+struct Pieces {
+    enters: Vec<f64>,
+    leaves: Vec<f64>,
+}
+
+/// Lines with one direction.
+struct Lines {
     up: Vector3<f64>,
-    per_height: f64,
-    /// Growth of the radius along the line.
-    growth: f64,
-    /// Coefficient of s² in the solid's quadratic a s² + 2 b s + c ≤ 0 along a line.
-    a: f64,
+    /// From a line to the next (m).
+    step: Vector3<f64>,
 }
 
-impl Cut {
-    /// Where the line from `p` enters and leaves (m along it); it meets nothing unless it leaves
-    /// above where it enters.
+impl Pieces {
+    fn new(count: usize) -> Self {
+        Self { enters: vec![0.0; count], leaves: vec![0.0; count] }
+    }
+
+    /// Sets the pieces of the lines from `start` on in a solid.
+    fn find(&mut self, solid: &Round, lines: &Lines, start: &Vector3<f64>) {
+        let growth = solid.slope * lines.up.z;
+        let a = solid.metric.dot(&lines.up.component_mul(&lines.up)) - growth * growth;
+        // A line steeper than the side is inside beyond a root; beyond the other root lies the
+        // mirrored cone past the apex.
+        vectorised(
+            #[inline(always)]
+            || match (a >= 0.0, growth < 0.0) {
+                (true, _) => self.fill(solid, lines, start, a, |near, far| [near, far]),
+                (_, true) => self.fill(solid, lines, start, a, |near, _| [f64::NEG_INFINITY, near]),
+                _ => self.fill(solid, lines, start, a, |_, far| [far, f64::INFINITY]),
+            },
+        );
+    }
+
+    /// Sets the pieces where they are `between` the roots of the solid's quadratic a s² + 2 b s + c
+    /// along a line.
     #[inline(always)]
-    fn chord(&self, p: [f64; 3]) -> [f64; 2] {
-        let (Self { solid, up, growth, a, .. }, m) = (self, &self.solid.metric);
-        let radius = solid.radius + solid.slope * p[2];
-        let b = m.x * p[0] * up.x + m.y * p[1] * up.y + m.z * p[2] * up.z - growth * radius;
-        let c = m.x * p[0] * p[0] + m.y * p[1] * p[1] + m.z * p[2] * p[2] - radius * radius;
-        let discriminant = b * b - a * c;
-        // Without cancellation.
-        let q = -(b + discriminant.max(0.0).sqrt().copysign(b));
-        let (s, t) = (c / q, q / a);
-        let (near, far) = (s.min(t), s.max(t));
-        let [from, to] = if *a >= 0.0 {
-            [near, far]
-        } else if *growth < 0.0 {
-            // A line steeper than the side is inside beyond a root; beyond the other root lies the
-            // mirrored cone past the apex.
-            [f64::NEG_INFINITY, near]
-        } else {
-            [far, f64::INFINITY]
-        };
-        // Without a root it is inside everywhere or nowhere.
-        let has_root = discriminant >= 0.0 && (*a != 0.0 || b != 0.0);
-        let end = if c <= 0.0 { f64::INFINITY } else { f64::NEG_INFINITY };
-        let (from, to) = if has_root { (from, to) } else { (-end, end) };
-        let ends = [0, 1].map(|end: usize| (solid.slab[end] - p[2]) * self.per_height);
-        [from.max(ends[0].min(ends[1])), to.min(ends[0].max(ends[1]))]
+    fn fill(
+        &mut self,
+        solid: &Round,
+        Lines { up, step }: &Lines,
+        start: &Vector3<f64>,
+        a: f64,
+        between: impl Fn(f64, f64) -> [f64; 2],
+    ) {
+        let (m, growth, per_height) = (&solid.metric, solid.slope * up.z, up.z.recip());
+        for (i, (enters, leaves)) in (0i32..).zip(self.enters.iter_mut().zip(&mut self.leaves)) {
+            let i = f64::from(i);
+            let [x, y, z] = [0, 1, 2].map(|axis: usize| start[axis] + i * step[axis]);
+            let radius = solid.radius + solid.slope * z;
+            let b = m.x * x * up.x + m.y * y * up.y + m.z * z * up.z - growth * radius;
+            let c = m.x * x * x + m.y * y * y + m.z * z * z - radius * radius;
+            let discriminant = b * b - a * c;
+            // Without cancellation.
+            let q = -(b + discriminant.max(0.0).sqrt().copysign(b));
+            let (s, t) = (c / q, q / a);
+            let [from, to] = between(s.min(t), s.max(t));
+            // Without a root it is inside everywhere or nowhere.
+            let has_root = discriminant >= 0.0 && (a != 0.0 || b != 0.0);
+            let end = if c <= 0.0 { f64::INFINITY } else { f64::NEG_INFINITY };
+            let (from, to) = if has_root { (from, to) } else { (-end, end) };
+            let ends = solid.slab.map(|end| (end - z) * per_height);
+            *enters = from.max(ends[0].min(ends[1]));
+            *leaves = to.min(ends[0].max(ends[1]));
+        }
+    }
+
+    /// Lowers heights (W) inside of these pieces without `holes` to where a line from below enters.
+    fn lower(&self, row: &mut [f64], holes: Option<&Self>) {
+        let pieces = self.enters.iter().zip(&self.leaves);
+        vectorised(
+            #[inline(always)]
+            || match holes {
+                None => {
+                    for (height, (enters, leaves)) in row.iter_mut().zip(pieces.clone()) {
+                        let is_in = *enters < *height && *height <= *leaves;
+                        *height = if is_in { *enters } else { *height };
+                    }
+                }
+                Some(holes) => {
+                    let holes = holes.enters.iter().zip(&holes.leaves);
+                    let pieces = pieces.clone().zip(holes);
+                    for (height, ((enters, leaves), (from, to))) in row.iter_mut().zip(pieces) {
+                        // A hole that is not met takes nothing away.
+                        let from = if from < to { *from } else { f64::INFINITY };
+                        let beyond = enters.max(*to);
+                        let is_before = *enters < *height && *height <= leaves.min(from);
+                        let is_beyond = beyond < *height && *height <= *leaves;
+                        let lowered = if is_beyond { beyond } else { *height };
+                        *height = if is_before { *enters } else { lowered };
+                    }
+                }
+            },
+        );
     }
 }
 
@@ -119,47 +174,22 @@ pub(super) fn lower_to_round(
     shape: &Shape,
     pose: &Isometry3<f64>,
 ) -> bool {
-    let Some([Some(solid), hole]) = Round::of(shape) else { return false };
+    let Some((solid, hole)) = Round::of(shape) else { return false };
     // The axes of the grid in the frame of the solid.
     let to_solid = pose.inverse();
     let turn = to_solid.rotation.to_rotation_matrix();
     let [across, along, up] = [0, 1, 2].map(|axis| turn.matrix().column(axis).into_owned());
-    let (solid, hole) = (solid.cut(&up), hole.map(|hole| hole.cut(&up)));
-    let step = grid.cell[0] * across;
-    for (j, row) in (0..).zip(heights.chunks_exact_mut(grid.counts[0] as usize)) {
-        let start =
-            to_solid.translation.vector + grid.centre(0, 0) * across + grid.centre(1, j) * along;
-        vectorised(
-            #[inline(always)]
-            || match &hole {
-                None => lower_row(row, &start, &step, |p| [solid.chord(p), [0.0; 2]]),
-                Some(hole) => lower_row(row, &start, &step, |p| {
-                    let ([enters, leaves], [from, to]) = (solid.chord(p), hole.chord(p));
-                    // A hole that is not met takes nothing away.
-                    let from = if from < to { from } else { f64::INFINITY };
-                    [[enters, leaves.min(from)], [enters.max(to), leaves]]
-                }),
-            },
-        );
+    let first = to_solid.translation.vector + grid.centre(0, 0) * across;
+    let lines = Lines { up, step: grid.cell[0] * across };
+    let width = grid.counts[0] as usize;
+    let (mut pieces, mut holes) = (Pieces::new(width), Pieces::new(width));
+    for (j, row) in (0..).zip(heights.chunks_exact_mut(width)) {
+        let start = first + grid.centre(1, j) * along;
+        pieces.find(&solid, &lines, &start);
+        if let Some(hole) = &hole {
+            holes.find(hole, &lines, &start);
+        }
+        pieces.lower(row, hole.is_some().then_some(&holes));
     }
     true
-}
-
-/// Lowers a row of heights inside of the pieces of the lines from points that lie `step` apart.
-#[inline(always)]
-fn lower_row(
-    row: &mut [f64],
-    start: &Vector3<f64>,
-    step: &Vector3<f64>,
-    pieces: impl Fn([f64; 3]) -> [[f64; 2]; 2],
-) {
-    for (i, height) in (0i32..).zip(row) {
-        let i = f64::from(i);
-        let p = [start.x + i * step.x, start.y + i * step.y, start.z + i * step.z];
-        let [first, second] = pieces(p);
-        let was = *height;
-        let is_in = |[enters, leaves]: [f64; 2]| enters < was && was <= leaves;
-        let lowered = if is_in(second) { second[0] } else { was };
-        *height = if is_in(first) { first[0] } else { lowered };
-    }
 }
