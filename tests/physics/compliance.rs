@@ -386,7 +386,7 @@ fn a_force_of_a_few_micronewtons_is_met() {
             let push =
                 || Press::with_force(vec![ball()], at(0.0, 0.0), force, -Vector3::z()).unwrap();
             let points = last(model.solve_path(&push())).wrench.force;
-            let nodes = model.at_nodes().settle(&push()).unwrap().wrench.force;
+            let nodes = model.at_nodes().unwrap().settle(&push()).unwrap().wrench.force;
             for found in [points, nodes] {
                 // The largest residual of a frame.
                 assert!((-found.z - force).abs() <= 1e-7, "{found} N against {force} N");

@@ -160,7 +160,8 @@ fn a_shape_that_begins_inside_the_body_is_refused_by_all_models() {
     let fem = block(GEL, 2, rough(0.0));
     let compliance = Compliance::new(fem.body().clone(), ComplianceOptions::default()).unwrap();
     let pad = mini(0.5);
-    let models: [&dyn DeformationModel; 4] = [&fem, &compliance, &compliance.at_nodes(), &pad];
+    let models: [&dyn DeformationModel; 4] =
+        [&fem, &compliance, &compliance.at_nodes().unwrap(), &pad];
     let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
     let inside = vec![Isometry3::translation(0.0, 0.0, -2.0 * MM)];
     // The ring does not contain its own centre.

@@ -36,7 +36,7 @@ fn squeeze() -> Vec<Press> {
 fn all_models_end_when_it_is_requested() {
     let fem = block(GEL, 2, rough(0.5));
     let points = Compliance::new(fem.body().clone(), ComplianceOptions::default()).unwrap();
-    let nodes = points.at_nodes();
+    let nodes = points.at_nodes().unwrap();
     let sensor = Sensor::named("gelsight-mini").unwrap();
     let moduli = Moduli { young: 3e5, poisson: 0.47 };
     let linear = LinearPad::new(&sensor, moduli, 0.5, 1000, ContactResolution::FAST).unwrap();

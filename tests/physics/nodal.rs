@@ -28,7 +28,7 @@ fn linear(pad: &PadMesh, friction: f64) -> Compliance {
 }
 
 fn nodal(friction: f64) -> Nodal {
-    linear(&pad(600), friction).at_nodes()
+    linear(&pad(600), friction).at_nodes().unwrap()
 }
 
 /// Pose of a ball whose lowest point is at (x, z) mm, beside the nodes.
@@ -53,7 +53,7 @@ fn gap(found: &ContactSolution, other: &ContactSolution) -> f64 {
 fn large_contacts_weigh_as_at_points() {
     let (fine, coarse) = (pad(1500), pad(600));
     let points = linear(&fine, FRICTION);
-    let models = [points.at_nodes(), points.at_coarse_nodes(&fine, &coarse).unwrap()];
+    let models = [points.at_nodes().unwrap(), points.at_coarse_nodes(&fine, &coarse).unwrap()];
     for (radius, depth) in [(0.03, 0.9), (0.012, 1.2)] {
         let exact = points.solve_path(&down(radius, depth)).pop().unwrap().unwrap().wrench.force;
         for (model, bound) in models.iter().zip([0.06, 0.06]) {
@@ -138,7 +138,7 @@ fn without_a_touch_nothing_moves() {
 fn histories_of_other_models_are_refused() {
     let pad = pad(600);
     let points = linear(&pad, FRICTION);
-    let model = points.at_nodes();
+    let model = points.at_nodes().unwrap();
     let history = |press: &Press| points.solve_path(press).pop().unwrap().unwrap().history;
     let press = down(0.012, 0.5);
     let mixed = press.clone().after(history(&press)).unwrap();
@@ -174,7 +174,10 @@ fn coarse_block(moduli: Moduli, friction: f64) -> Nodal {
     let mesh = grid(&side, &side, &even(-4.0 * MM, 0.0, 1));
     let base: Vec<u32> = nodes_where(&mesh, |p| p.z < -3.9 * MM);
     let body = SoftBody::new(mesh, Law::default(), moduli, &base).unwrap();
-    Compliance::new(body, ComplianceOptions { friction, corrections: 0 }).unwrap().at_nodes()
+    Compliance::new(body, ComplianceOptions { friction, corrections: 0 })
+        .unwrap()
+        .at_nodes()
+        .unwrap()
 }
 
 #[test]
@@ -229,7 +232,7 @@ fn a_tip_between_nodes_is_refused_and_one_on_a_node_is_felt() {
 #[test]
 fn a_ball_that_the_skin_folds_round_is_refused() {
     // While it moves to below the pad, with little friction, nodes slide all round it.
-    let (model, radius) = (linear(&pad(300), 0.03).at_nodes(), 2.2161e-3);
+    let (model, radius) = (linear(&pad(300), 0.03).at_nodes().unwrap(), 2.2161e-3);
     let at = |z: f64| vec![Isometry3::translation(-1.84112e-3, 6.51621e-3, z)];
     let error = model.settle(&press(radius, vec![at(2.1461e-3), at(-7.49425e-3)])).unwrap_err();
     assert!(matches!(error, Error::Inverted), "{error}");

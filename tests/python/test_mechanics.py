@@ -312,7 +312,11 @@ def test_fields_are_read_at_points():
         mesh.at(points, numbers[:7])
 
 
-@pytest.mark.parametrize("model", [LinearPad, Surrogate])
+def at_nodes(friction: float) -> Compliance:
+    return Compliance(ruffini.sensor("gelsight-mini", resolution=500), friction, contact="nodes")
+
+
+@pytest.mark.parametrize("model", [LinearPad, Surrogate, at_nodes])
 def test_more_friction_than_contact_on_cells_can_have_is_refused(model):
     path = [([0, 0, 4e-3 - depth], UPRIGHT) for depth in (-1e-4, 2e-4)]
     assert model(friction=4).solve(Press(Shape.sphere(4e-3), path))[0].wrench[2] < 0

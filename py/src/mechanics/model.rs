@@ -219,7 +219,7 @@ impl LinearModel {
     fn new(model: compliance::Compliance, contact: &str, corrections: usize) -> Result<Self> {
         match contact {
             "points" => Ok(Self::Points(model)),
-            "nodes" if corrections == 0 => Ok(Self::Nodes(model.at_nodes())),
+            "nodes" if corrections == 0 => model.at_nodes().map(Self::Nodes),
             "nodes" => Err(Error::invalid("corrections", corrections, "0 with contact at nodes")),
             _ => Err(Error::invalid("contact", contact, "points or nodes")),
         }

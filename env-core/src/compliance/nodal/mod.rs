@@ -160,10 +160,11 @@ impl Nodal {
 
 impl Compliance {
     /// Returns a model of the same body and friction with contact at the nodes, without
-    /// corrections for nonlinearity.
-    pub fn at_nodes(&self) -> Nodal {
+    /// corrections for nonlinearity; an error if the friction is above [`MOST_FRICTION`].
+    pub fn at_nodes(&self) -> Result<Nodal> {
+        check_friction(self.settings.law.friction)?;
         let nodes = ContactNodes::new(Arc::clone(&self.condensed));
-        Nodal { nodes: Arc::new(nodes), law: self.settings.law }
+        Ok(Nodal { nodes: Arc::new(nodes), law: self.settings.law })
     }
 
     /// Returns [`Compliance::at_nodes`] with contact at the face nodes of a `coarse` mesh of the
