@@ -120,7 +120,7 @@ pub enum Error {
         reason: String,
     },
     /// A force-driven press that does not reach the force asked for.
-    #[error("force {force:.3e} N not reached: {reached:.3e} N after {travel:.3e} m")]
+    #[error("force {force:.5e} N not reached: {reached:.5e} N after {travel:.3e} m")]
     Unreachable {
         /// Force asked for (N).
         force: f64,

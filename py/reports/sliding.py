@@ -2,7 +2,8 @@
 
 A hand has to grip harder where more of the contact slides, so agents act on ``slip``. Shapes are
 dragged along a pad, and the motion of objects that an agent holds against a load that goes to and
-fro is solved again by each model. --quick drags the ball and solves one episode, with two models.
+fro is solved again by each model. Balls are lowered, too. --quick drags a ball, lowers one and
+solves one episode, with two models.
 """
 
 from __future__ import annotations
@@ -15,18 +16,23 @@ import numpy as np
 from engine import COLOURS, Rows, made, plt, run, table, text
 from sliding_cases import (
     BALL,
+    DEPTHS,
     DRAG,
     ENVIRONMENT,
     FALLEN,
     FRICTION,
     HELD,
+    LOWERED,
+    LOWERED_FRICTION,
     MIDDLING,
     MODELS,
     PRESSED,
     REFERENCE,
+    SHOWN,
     STEPS,
     USED,
     dragged,
+    lowered,
     replayed,
 )
 
@@ -43,13 +49,26 @@ def make(options: Namespace) -> dict[str, Any]:
     rows = Rows.of("sliding", options, MADE_OF, {"steps": STEPS})
     models = QUICK if options.quick else list(MODELS)
     shapes, objects = (["ball"], ["sphere"]) if options.quick else (list(PRESSED), list(HELD))
+    balls = list(LOWERED)[:1] if options.quick else list(LOWERED)
     asked: dict[str, tuple[Any, ...]] = {}
     for model in models:
         asked |= {f"dragged/{shape}/{model}": (dragged, shape, model) for shape in shapes}
+        asked |= {f"lowered/{ball}/{model}": (lowered, ball, model) for ball in balls}
         asked |= {f"held/{name}/{model}": (replayed, name, model) for name in objects}
     run(rows, asked)
     held = {name: replays([row for row in rows if row.get("object") == name]) for name in objects}
-    return rows.header | {"note": options.note, "dragged": shares(rows), "held": held}
+    report = {"note": options.note, "dragged": shares(rows), "lowered": lowest(rows), "held": held}
+    return rows.header | report
+
+
+def lowest(rows: Rows) -> dict[str, Any]:
+    """Share that slides and force (N) at the reported depths, by ball and model."""
+    found: dict[str, Any] = {}
+    for row in rows:
+        if "lowered" in row:
+            shown = {name: [row[name][i] for i in SHOWN] for name in ("sliding", "force")}
+            found.setdefault(row["lowered"], {})[row["model"]] = shown
+    return found
 
 
 def shares(rows: Rows) -> dict[str, Any]:
@@ -143,6 +162,16 @@ At the rim the pressure is small and the shear is large. Sliding begins there, a
 when the force turns: the closed form says that next to nothing slides then. Elements spread what
 the rim bears over their own width, so the coarser they are, the more seems to slide. {turned}
 
+## Lowered, and not dragged
+
+Balls are lowered along their axis, with friction {lowered_friction}. Nothing drags them, but the
+gel is pushed aside under them. *Slip* at depths of {depths} mm.
+
+{lower}
+
+The network corrects displacement, stress and force, and not `slip`, which is that of the linear
+solution: under deep balls linear elasticity pushes the gel aside too far.
+
 ## Held against a load that goes to and fro
 
 The agent of HoldStill holds one object of each family with the network; the motion of the object
@@ -170,7 +199,7 @@ It is one episode of each object, one agent, and the motion that the network's f
 
 
 def page(report: dict[str, Any]) -> str:
-    """Tables of both."""
+    """Tables of all."""
     return text(
         PAGE,
         report,
@@ -178,6 +207,9 @@ def page(report: dict[str, Any]) -> str:
         friction=str(FRICTION),
         steps=str(STEPS),
         drag=drags(report["dragged"]),
+        lowered_friction=str(LOWERED_FRICTION),
+        depths=", ".join(f"{1e3 * DEPTHS[i]:.1f}" for i in SHOWN),
+        lower=lowers(report["lowered"]),
         turned=turn(report["dragged"]),
         held=holds(report["held"]),
         made=made(report),
@@ -199,6 +231,21 @@ def drags(found: dict[str, Any]) -> str:
     columns |= {"error": "{there_off:+.2f}"}
     columns |= {f"fallen {fallen:.0%}": f"{{back[{i}]:.2f}}" for i, fallen in enumerate(FALLEN)}
     return table(columns | {"error ": "{back_off:+.2f}"}, lines, absent="")
+
+
+def lowers(found: dict[str, Any]) -> str:
+    """Sliding and force by ball, model and depth."""
+    lines = [
+        {"ball": ball, "model": model} | models[model]
+        for ball, models in found.items()
+        for model in MODELS
+        if model in models
+    ]
+    columns = {"radius": "{ball}", "model": "{model}"}
+    columns |= {
+        f"slip at {1e3 * DEPTHS[n]:.1f} mm": f"{{sliding[{i}]:.2f}}" for i, n in enumerate(SHOWN)
+    }
+    return table(columns | {"force at the last (N)": f"{{force[{len(SHOWN) - 1}]:.2f}}"}, lines)
 
 
 def turn(found: dict[str, Any]) -> str:

@@ -49,6 +49,13 @@ HELD = {"sphere": 10_003, "cylinder": 10_001, "cuboid": 10_000, "prism": 10_004}
 """First evaluation seed of HoldStill with each object."""
 STEPS = 25
 """Control steps of an episode that are solved again: 1 s, half a period of the shaking to two."""
+LOWERED = {"5 mm": 5e-3, "10 mm": 0.01, "20 mm": 0.02}
+"""Radii of balls that are lowered, and nothing else (m)."""
+LOWERED_FRICTION = 0.5
+DEPTHS = [1.5e-4 * step for step in range(1, 9)]
+"""Depths to which they are lowered one after the other (m)."""
+SHOWN = (1, 3, 5, 7)
+"""Numbers of the depths that are reported."""
 Pose = tuple[Any, Any]
 
 
@@ -68,6 +75,20 @@ def dragged(shape: str, model: str) -> dict[str, Any]:
         "used": used,
         "sliding": [frame.sliding for frame in frames],
         "force": float(frames[len(DRAG)].wrench[2]),
+    }
+
+
+def lowered(ball: str, model: str) -> dict[str, Any]:
+    """Share of the normal force that slides under a ball that is lowered along its axis."""
+    radius, upright = LOWERED[ball], (0.0, 0.0, 0.0, 1.0)
+    path = [([0.0, 0.0, radius - depth], upright) for depth in DEPTHS]
+    frames, spent = solved(model, LOWERED_FRICTION, Shape.sphere(radius), path)
+    return {
+        "lowered": ball,
+        "model": model,
+        "seconds": spent,
+        "sliding": [frame.sliding for frame in frames],
+        "force": [float(-frame.wrench[2]) for frame in frames],
     }
 
 

@@ -188,7 +188,7 @@ def test_an_unsolved_press_is_an_error_in_its_place():
         assert isinstance(error, ruffini.SimulationError)
         again = pickle.loads(pickle.dumps(error))
         assert (str(again), again.kind) == (str(error), error.kind)
-    assert "1.000e0 N not reached" in str(lost)
+    assert "1.00000e0 N not reached" in str(lost)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -344,3 +344,24 @@ def test_a_history_of_another_shape_is_refused():
         ValueError, match="points off the shapes, expected one of a press by the same"
     ):
         Press(Shape.sphere(2e-3), path[-1:], history=answer.history)
+
+
+@pytest.mark.parametrize("model", [LinearPad, Surrogate])
+def test_a_ball_that_is_only_pressed_does_not_slip_where_cells_grow(model):
+    # Contact changes to cells of twice the size on the way.
+    path = [([0, 0, 5e-3 - depth], UPRIGHT) for depth in np.linspace(1e-4, 7e-4, 13)]
+    answers = model(friction=0.5).solve_path(Press(Shape.sphere(5e-3), path))
+    assert max(answer.sliding for answer in answers) < 0.05
+
+
+@pytest.mark.parametrize("model", [LinearPad, Surrogate])
+def test_a_force_is_held_from_its_own_history(model):
+    pad, history, pose = model(friction=0.5), None, ([0, 0, 5.1e-3], UPRIGHT)
+    forces = [1.0] * 6 + [1.0 + 1e-6, 1.0 - 1e-4, 1.001, 0.98, 1.5, 1.5, 1.0]
+    for force in forces:
+        press = Press(
+            Shape.sphere(5e-3), pose=pose, force=force, direction=[0, 0, -1], history=history
+        )
+        (answer,) = pad.solve(press)
+        assert -answer.wrench[2] == pytest.approx(force, rel=1.1e-3)
+        history, pose = answer.history, answer.pose

@@ -14,8 +14,15 @@ use crate::{
 const SHORTEST_STEP: f64 = 1e-9;
 /// Distance to the body that counts as touching (m).
 const NEAR: f64 = 2e-6;
-/// Accepted relative error of the force, unless the tolerance of the residual force is larger.
+/// Relative error of the force that is looked for, unless the tolerance of the residual force is
+/// larger.
 const RELATIVE: f64 = 1e-6;
+/// Relative error of the force that is accepted after [`SOON`] attempts to find it within a load
+/// step, and of a history: contact is not settled more exactly than to about that.
+const SETTLED: f64 = 1e-4;
+const SOON: usize = 8;
+/// Relative error of the force that is accepted where it jumps.
+const AT_JUMP: f64 = 1e-3;
 /// Greatest number of load steps to bracket the force, and again to narrow the bracket.
 const MOST: usize = 200;
 
@@ -47,8 +54,8 @@ pub(super) fn push<D: ForceControlled>(
     force: f64,
     direction: &Unit<Vector3<f64>>,
 ) -> Result<()> {
-    let accepted = f64::max(RELATIVE * force, body.tolerance());
-    let mut push = Push { force, accepted, direction: *direction, iterations: 0 };
+    let tolerance = body.tolerance();
+    let mut push = Push { force, tolerance, direction: *direction, iterations: 0 };
     let begin = body.poses()[0].translation.vector;
     // Without contact, the force remains that of the state: zero.
     let mut poses = body.poses().to_vec();
@@ -102,8 +109,8 @@ impl ForceControlled for LoadStepping<'_> {
 struct Push {
     /// Force asked for (N).
     force: f64,
-    /// Accepted error of the force (N).
-    accepted: f64,
+    /// Error of the force that is always accepted (N).
+    tolerance: f64,
     direction: Unit<Vector3<f64>>,
     iterations: usize,
 }
@@ -114,8 +121,9 @@ impl Push {
         D::wrench(state).force.dot(&self.direction)
     }
 
-    fn is_met(&self, along: f64) -> bool {
-        (along - self.force).abs() <= self.accepted
+    /// Returns whether a force is the one asked for, but for a `relative` error.
+    fn is_met(&self, along: f64, relative: f64) -> bool {
+        (along - self.force).abs() <= f64::max(relative * self.force, self.tolerance)
     }
 
     /// Attempts a load step by `travel` (m) and returns the state it ends in.
@@ -135,6 +143,15 @@ impl Push {
     /// Moves the shapes in load steps until the force is met or passed, and then finds it within
     /// the last step; `None` if it is never met.
     fn reach<D: ForceControlled>(&mut self, body: &mut D) -> Option<()> {
+        if self.is_met(self.along::<D>(body.state()), SETTLED) {
+            // A history does not hold all of its state: it is settled once more.
+            let state = self.attempt(body, 0.0).ok()?;
+            let along = self.along::<D>(&state);
+            *body.state() = state;
+            if self.is_met(along, SETTLED) {
+                return Some(());
+            }
+        }
         let mut size = EDGE_STEP;
         for _ in 0..MOST {
             // A history may begin with too large a force: then the shapes move back.
@@ -143,11 +160,12 @@ impl Push {
             match self.attempt(body, signed) {
                 Ok(state) => {
                     let along = self.along::<D>(&state);
-                    if !self.is_met(along) && (along > self.force) != back {
+                    let is_met = self.is_met(along, RELATIVE);
+                    if !is_met && (along > self.force) != back {
                         return self.narrow(body, signed, along);
                     }
                     *body.state() = state;
-                    if self.is_met(along) {
+                    if is_met {
                         return Some(());
                     }
                     size = f64::min(2.0 * size, EDGE_STEP);
@@ -166,11 +184,16 @@ impl Push {
     fn narrow<D: ForceControlled>(&mut self, body: &mut D, far: f64, there: f64) -> Option<()> {
         let here = self.along::<D>(body.state());
         let (mut low, mut high) = ((0.0, here - self.force), (far, there - self.force));
-        for _ in 0..MOST {
+        for attempts in 0..MOST {
             let travel = low.0 - low.1 * (high.0 - low.0) / (high.1 - low.1);
             let state = self.attempt(body, travel).ok()?;
             let along = self.along::<D>(&state);
-            if self.is_met(along) {
+            let relative = match attempts {
+                _ if (high.0 - low.0).abs() < SHORTEST_STEP => AT_JUMP,
+                0..SOON => RELATIVE,
+                _ => SETTLED,
+            };
+            if self.is_met(along, relative) {
                 *body.state() = state;
                 return Some(());
             }

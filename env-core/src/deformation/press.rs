@@ -245,7 +245,11 @@ impl Press {
 
     /// Returns this press with the final state of another as its start.
     pub fn after(mut self, history: History) -> Result<Self> {
-        check_poses(self.shapes.len(), &history.poses)?;
+        let (found, shapes) = (history.poses.len(), self.shapes.len());
+        if found != shapes {
+            let expected = format!("one of {shapes}, those of the press");
+            return Err(Error::invalid("history", format!("one of {found} shapes"), expected));
+        }
         if let Some(anchor) = history.anchors.iter().find(|a| a.shape as usize >= self.shapes.len())
         {
             let expected = format!("anchors on {} shapes", self.shapes.len());

@@ -24,11 +24,12 @@ const POSE: &str = "(position (3,), quaternion xyzw (4,))";
 ///
 /// Args:
 ///     shapes: One Shape, or a list of S.
-///     path: A list of frames through which the shapes move; the first is approached from a place
-///         without contact. With `force`, the one frame where the push begins, as `pose`.
+///     path: A list of frames through which the shapes move, or one pose; the first is approached
+///         from a place without contact. With `force`, the one frame where the push begins, as
+///         `pose`.
 ///     pose: Frame where the push begins.
-///     force: Force of the shapes on the body along `direction` (N), at which the push ends. The
-///         shapes keep their positions relative to each other.
+///     force: Force of the shapes on the body along `direction` (N), at which the push ends, to
+///         within 0.1 %. The shapes keep their positions relative to each other.
 ///     direction: Direction of the push (3,), of any length.
 ///     history: History of another press of the same body, model and shapes, from whose end this
 ///         one continues; it starts from rest if not given.
@@ -208,8 +209,11 @@ pub(super) fn frame_as_given<'py>(
     as_given(py, poses.iter().map(|pose| answer::pose(py, pose)).collect(), single)
 }
 
-/// Poses (F, S) of a list of frames.
+/// Poses (F, S) of a list of frames, or of one pose.
 fn frames(path: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Isometry3<f64>>>> {
+    if is_pose(path) {
+        return Ok(vec![vec![pose("path", path)?]]);
+    }
     let expected = format!("a list of poses {POSE}, or of lists of them");
     let frames = path.try_iter().map_err(|_| refused("path", path.get_type(), expected))?;
     frames.enumerate().map(|(i, found)| frame(&format!("path[{i}]"), &found?)).collect()

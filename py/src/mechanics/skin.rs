@@ -119,7 +119,10 @@ impl Skin {
         PyArray1::from_vec(py, entries).reshape(shape)
     }
 
-    /// Places at rest by channel, as of an environment's `skin()`, in m.
+    /// Places at rest in m, as of an environment's `skin()`: of the `markers` and nodes of the free
+    /// `surface` (N, 3), and in plan of the cells of the `grid` (`traction`), of the pixels of
+    /// `depth` and of those of the `image` (N, 2). Across (x) runs fastest, as in the channels,
+    /// whose rows and columns `reshape` brings back.
     #[getter]
     fn places<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         places(py, &self.inner)

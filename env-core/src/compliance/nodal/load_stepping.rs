@@ -10,7 +10,7 @@ use super::{
     check_friction,
     contact_nodes::ContactNodes,
     grid::CellGrid,
-    patch::{Move, NodalScratch, Patch},
+    patch::{Move, NodalScratch, Patch, give},
     resolution::ContactResolution,
     state::{ContactSolution, Held, NodalState, forces, outside, recalled},
 };
@@ -294,48 +294,51 @@ impl<'a> NodalLoadStepping<'a> {
     }
 
     /// The cells that are `held` on a level as those of the next finer one.
-    fn finer(&self, level: usize, held: &[Held]) -> Vec<Held> {
-        let (nodes, next) = (&self.levels[level], &self.levels[level + 1]);
-        let Some(grid) = nodes.grid() else { return Vec::new() };
+    fn finer(&mut self, level: usize, held: &[Held]) -> Vec<Held> {
+        let Some(grid) = self.levels[level].grid() else { return Vec::new() };
         let quarters = |held: &Held| {
-            let pose = self.state.poses[held.shape as usize];
-            let offset = pose * held.stuck - nodes.place(held.rank);
-            let Held { shape, force, normal, .. } = *held;
-            grid.children(held.rank).map(|rank| Held {
-                rank,
-                shape,
-                stuck: pose.inverse_transform_point(&(next.place(rank) + offset)),
-                force: force * 0.25,
-                normal,
-            })
+            let (shape, force) = (held.shape, held.force * 0.25);
+            grid.children(held.rank).map(|rank| (rank, (shape, force)))
         };
-        let mut all: Vec<_> = held.iter().flat_map(quarters).collect();
-        all.sort_unstable_by_key(|held| held.rank);
-        all
+        let forces = held.iter().flat_map(quarters).collect();
+        self.stuck(level + 1, forces)
     }
 
     /// The cells that are `held` on a level as those of the next coarser one.
-    fn coarser(&self, level: usize, held: &[Held]) -> Vec<Held> {
-        let (nodes, next) = (&self.levels[level], &self.levels[level - 1]);
-        let Some(grid) = nodes.grid() else { return Vec::new() };
-        // Force, its norm and the offset weighted by it; the first shape stands for all.
-        let mut sums = BTreeMap::<u32, (u32, Vector3<f64>, f64, Vector3<f64>)>::new();
-        for Held { rank, shape, stuck, force, .. } in held {
-            let offset = self.state.poses[*shape as usize] * stuck - nodes.place(*rank);
-            let zero = (*shape, Vector3::zeros(), 0.0, Vector3::zeros());
-            let sum = sums.entry(grid.parent(*rank)).or_insert(zero);
+    fn coarser(&mut self, level: usize, held: &[Held]) -> Vec<Held> {
+        let Some(grid) = self.levels[level].grid() else { return Vec::new() };
+        let mut forces = BTreeMap::new();
+        for Held { rank, shape, force, .. } in held {
+            // The first shape stands for all.
+            let sum = forces.entry(grid.parent(*rank)).or_insert((*shape, Vector3::zeros()));
             if sum.0 == *shape {
                 sum.1 += force;
-                sum.2 += force.norm();
-                sum.3 += offset * force.norm();
             }
         }
-        let one = |(rank, (shape, force, weight, offsets)): (u32, (u32, Vector3<f64>, f64, _))| {
-            let place = next.place(rank) + offsets / weight.max(f64::MIN_POSITIVE);
-            let stuck = self.state.poses[shape as usize].inverse_transform_point(&place);
-            Held { rank, shape, stuck, force, normal: Vector3::zeros() }
+        self.stuck(level - 1, forces)
+    }
+
+    /// Cells of a level, by rank with a shape and its force on them (N), stuck to where these forces
+    /// hold them with the shapes at their present poses. Where cells of another size stuck would
+    /// not do: the same forces move these otherwise, and friction would build up or be lost.
+    fn stuck(&mut self, level: usize, forces: BTreeMap<u32, (u32, Vector3<f64>)>) -> Vec<Held> {
+        let nodes = &self.levels[level];
+        let Some(grid) = nodes.grid() else { return Vec::new() };
+        let NodalScratch { displacement, spots } = &mut *self.scratch;
+        spots.renew(grid, forces.keys().copied(), displacement);
+        for (spot, (_, force)) in forces.values().enumerate() {
+            spots.add_response(grid, spot, force, displacement);
+            spots.update_passive(grid, spot, force, displacement);
+        }
+        let one = |(spot, (rank, (shape, force))): (usize, (u32, (u32, Vector3<f64>)))| {
+            let (form, pose) = (&self.shapes[shape as usize], &self.state.poses[shape as usize]);
+            let place = nodes.place(rank) + spots.moved(spot, displacement);
+            let normal =
+                pose.rotation * form.distance(&pose.inverse_transform_point(&place)).normal;
+            let place = place + give(&self.law, nodes.point(rank), &normal) * force;
+            Held { rank, shape, stuck: pose.inverse_transform_point(&place), force, normal }
         };
-        sums.into_iter().map(one).collect()
+        forces.into_iter().enumerate().map(one).collect()
     }
 
     /// Performs [`NodalLoadStepping::attempt`] on one level from the nodes `held` there; `None` if

@@ -475,7 +475,7 @@ fn runs(ranks: impl Iterator<Item = u32>) -> Vec<[usize; 2]> {
 }
 
 /// Compliance K⁻¹ of the contact at a node (m/N).
-fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix3<f64> {
+pub(super) fn give(law: &ContactLaw, point: &SurfacePoint, normal: &Vector3<f64>) -> Matrix3<f64> {
     let across = normal * normal.transpose();
     across * law.give(point) + (Matrix3::identity() - across) * law.stick_give(point)
 }
