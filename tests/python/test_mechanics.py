@@ -365,3 +365,20 @@ def test_a_force_is_held_from_its_own_history(model):
         (answer,) = pad.solve(press)
         assert -answer.wrench[2] == pytest.approx(force, rel=1.1e-3)
         history, pose = answer.history, answer.pose
+
+
+def test_one_pose_is_a_path():
+    pose = ([0, 0, 3.8e-3], UPRIGHT)
+    model = LinearPad()
+    answers = [model.solve(Press(Shape.sphere(4e-3), path))[0] for path in (pose, [pose])]
+    np.testing.assert_array_equal(*[answer.wrench for answer in answers])
+    with pytest.raises(ValueError, match=r"path: found .*expected"):
+        Press(Shape.sphere(4e-3), np.eye(4))
+
+
+def test_a_history_of_another_number_of_shapes_says_so():
+    ball, model = Shape.sphere(4e-3), LinearPad()
+    (answer,) = model.solve(Press(ball, [([0, 0, 3.8e-3], UPRIGHT)]))
+    two = [[([0, 0, 3.8e-3], UPRIGHT), ([0, 0, 0.5], UPRIGHT)]]
+    with pytest.raises(ValueError, match="history: found one of 1 shapes, expected one of 2"):
+        Press([ball, ball], two, history=answer.history)

@@ -299,7 +299,9 @@ def test_networks_of_channels_say_what_they_need():
             PPO(policy, flat, policy_kwargs=kwargs, device="cpu")
     with pytest.raises(ValueError, match=r"privileged: found 'object', .* list .*\['object'\]"):
         PPO(AsymmetricPolicy, dicts, policy_kwargs={"privileged": "object"}, device="cpu")
-    with pytest.raises(ValueError, match=r"policy: found AsymmetricPolicy .* expected PPO or A2C"):
+    with pytest.raises(
+        ValueError, match=r"policy: found AsymmetricPolicy .* expected PPO, A2C or TRPO"
+    ):
         SAC(AsymmetricPolicy, dicts, policy_kwargs=privileged, buffer_size=10, device="cpu")
 
 

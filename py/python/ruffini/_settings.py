@@ -72,6 +72,16 @@ class Settings(TypedDict, total=False):
     physics: Mapping[str, float]
 
 
+_INSTEAD = {
+    "seed": "reset(seed=...)",
+    **dict.fromkeys(
+        ("num_envs", "num_threads", "autoreset_mode"),
+        "it in gymnasium.make_vec, which makes a batch",
+    ),
+}
+"""What takes the place of arguments that are asked for elsewhere."""
+
+
 def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = ()) -> str:
     """Convert the settings of a task to the JSON that Rust reads.
 
@@ -88,6 +98,10 @@ def to_json(settings: Mapping[str, Any], task: str, arguments: Sequence[str] = (
     known = list(dict.fromkeys([*arguments, *SHARED, *own]))
     for name in settings:
         if name not in SETTINGS:
+            if name in _INSTEAD and name not in arguments:
+                raise TypeError(
+                    f"got an unexpected keyword argument {name!r}, expected {_INSTEAD[name]}"
+                )
             raise TypeError(
                 f"got an unexpected keyword argument {name!r}{nearest(name, known)} "
                 f"expected one of {', '.join(known)}"

@@ -10,7 +10,7 @@ import os
 import platform
 import subprocess
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -113,6 +113,9 @@ def evaluate(
             ``VecNormalize`` that it has no more.
     """
     check_count("episodes", episodes)
+    for name, instead in _INSTEAD.items():
+        if name in settings:
+            raise TypeError(f"got an unexpected keyword argument {name!r}, expected {instead}")
     _check_acts(policy)
     check_wrappers(policy)
     envs = gym.make_vec(
@@ -158,6 +161,15 @@ def evaluate(
     }
 
 
+_INSTEAD = {
+    "seed": "first_seed",
+    "num_envs": "episodes",
+    "autoreset_mode": "none: each row plays one episode",
+    "deterministic": "none: policies act without noise",
+}
+"""What takes the place of arguments that are asked for elsewhere."""
+
+
 def as_policy(policy: Any, space: gym.Space[Any] | None = None) -> Policy:
     """Policy that acts on observations as an environment returns them.
 
@@ -177,6 +189,7 @@ def as_policy(policy: Any, space: gym.Space[Any] | None = None) -> Policy:
     if not hasattr(policy, "predict"):
         return ScriptedPolicy(lambda observation, state: (policy(observation), state))
     check_wrappers(policy)
+    _check_actions(getattr(policy, "action_space", None))
     trained = getattr(policy, "observation_space", None)
     if space is not None and isinstance(trained, gym.Space):
         _check_same(trained, space)
@@ -188,10 +201,43 @@ def _check_acts(policy: Any) -> None:
     if isinstance(policy, type) or not (hasattr(policy, "predict") or callable(policy)):
         expected = "a policy with predict(observation, state, ...), or a function of observations"
         raise TypeError(f"policy: found {policy!r}, expected {expected} that returns actions")
+    if any(kind.__name__ == "BasePolicy" and _is_sb3(kind) for kind in type(policy).__mro__):
+        raise ValueError(
+            f"policy: found the {type(policy).__name__} of a model by itself, expected the model, "
+            "which knows the VecNormalize of its training, or a function of observations that "
+            "normalises them if need be: lambda seen: policy.predict(seen)[0]"
+        )
+
+
+def _is_sb3(kind: type) -> bool:
+    return kind.__module__.startswith("stable_baselines3.")
+
+
+def _check_actions(space: gym.Space[Any] | None) -> None:
+    """Check that a model acts in the environments' own space of actions."""
+    if isinstance(space, gym.spaces.Box) and not (
+        np.all(space.low == -1) and np.all(space.high == 1)
+    ):
+        raise ValueError(
+            f"policy: found one with actions from {space.low.min():g} to {space.high.max():g}, "
+            "expected -1 to 1, as of the environments: pass a function of observations that does "
+            "what the wrapper of actions does"
+        )
 
 
 _TRANSPARENT = ("VecMonitor", "VecNormalize", "VecCheckNan", "VecVideoRecorder")
 """Wrappers of Stable-Baselines3 without which a model acts the same, or that are accounted for."""
+_WATCHING = (
+    "Monitor",
+    "PassiveEnvChecker",
+    "OrderEnforcing",
+    "TimeLimit",
+    "RecordEpisodeStatistics",
+    "RecordVideo",
+    "RenderCollection",
+    "HumanRendering",
+)
+"""Wrappers of single environments without which a model acts the same."""
 
 
 def check_wrappers(model: Any) -> None:
@@ -204,15 +250,24 @@ def check_wrappers(model: Any) -> None:
     while hasattr(envs, "venv"):
         kind = type(envs)
         ours = kind.__module__.startswith("ruffini.")
-        theirs = kind.__module__.startswith("stable_baselines3.") and kind.__name__ in _TRANSPARENT
-        if not (ours or theirs):
-            raise ValueError(
-                f"policy: found a model whose environments are in a {kind.__name__}, which is left "
-                f"out here, expected none but {' and '.join(_TRANSPARENT[:2])}: judge it by "
-                "stable_baselines3.common.evaluation.evaluate_policy(model, model.get_env()), or "
-                "pass a function of observations that does what the wrapper does"
-            )
+        if not (ours or (_is_sb3(kind) and kind.__name__ in _TRANSPARENT)):
+            raise _wrapped(kind, _TRANSPARENT[:2])
         envs = envs.venv
+    # Single environments, as those of a DummyVecEnv, have wrappers of their own.
+    for env in getattr(envs, "envs", ()):
+        while isinstance(env, gym.Wrapper):
+            if type(env).__name__ not in _WATCHING:
+                raise _wrapped(type(env), _WATCHING[:1])
+            env = env.env
+
+
+def _wrapped(kind: type, but: Sequence[str]) -> ValueError:
+    return ValueError(
+        f"policy: found a model whose environments are in a {kind.__name__}, which is left "
+        f"out here, expected none but {' and '.join(but)}: judge it by "
+        "stable_baselines3.common.evaluation.evaluate_policy(model, model.get_env()), or "
+        "pass a function of observations that does what the wrapper does"
+    )
 
 
 def normaliser_of(model: Any, given: Any = None) -> Any:
@@ -288,6 +343,12 @@ def _sizes(space: gym.Space[Any]) -> dict[str, Any]:
 def _check_same(trained: gym.Space[Any], space: gym.Space[Any]) -> None:
     found, given = _sizes(trained), _sizes(space)
     if found == given:
+        if _is_reordered(trained, space):
+            raise ValueError(
+                "policy: found one trained on flat observations in another order, expected that of "
+                "env.unwrapped.channels(): pass the list observation that it was trained with; "
+                "FlattenObservation sorts the channels, obs='flat' does not"
+            )
         return
 
     def told(shapes: dict[str, Any]) -> str:
@@ -300,6 +361,16 @@ def _check_same(trained: gym.Space[Any], space: gym.Space[Any]) -> None:
         f"policy: found one trained on {told(found)}; the environment gives {told(given)}, "
         f"expected the same: pass {remedy}"
     )
+
+
+def _is_reordered(trained: gym.Space[Any], space: gym.Space[Any]) -> bool:
+    """Return whether the bounds of flat observations are the same in another order."""
+    if not (isinstance(trained, gym.spaces.Box) and isinstance(space, gym.spaces.Box)):
+        return False
+    ours, theirs = (np.stack([box.low, box.high], axis=1) for box in (trained, space))
+    if np.allclose(ours, theirs):
+        return False
+    return np.allclose(sorted(ours.tolist()), sorted(theirs.tolist()))
 
 
 def _within(observation: Any, space: Any) -> bool:

@@ -65,6 +65,9 @@ def make_vec_env(
 ) -> RuffiniVecEnv:
     """Create a vector environment for Stable-Baselines3.
 
+    It is not monitored: `normalize` does that, or a ``VecMonitor`` around it; else no returns of
+    episodes are logged.
+
     Args:
         env_id: A registered id, such as ``"ruffini/GraspLift-v0"``; ``"module:id"`` imports the
             module first.
@@ -313,16 +316,27 @@ class TouchExtractor(BaseFeaturesExtractor):
         observation_space: Space of the observations, a ``Dict`` of vectors.
         features: Number of features of one pad.
         hidden: Width of the hidden layer.
+        frames: Number of observations that a ``VecFrameStack`` has joined; the network of a pad
+            then sees that pad in all of them.
 
     Raises:
-        ValueError: If observations are not dicts.
+        ValueError: If observations are not dicts, or not of so many frames.
     """
 
     def __init__(
-        self, observation_space: gym.spaces.Dict, features: int = 32, hidden: int = 64
+        self,
+        observation_space: gym.spaces.Dict,
+        features: int = 32,
+        hidden: int = 64,
+        frames: int = 1,
     ) -> None:
         _check_dict(observation_space)
         sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
+        for name in fields(observation_space):
+            if frames < 1 or sizes[name] % (2 * frames):
+                expected = f"a divisor of the {sizes[name] // 2} values of {name} at a pad"
+                raise ValueError(f"frames: found {frames}, expected {expected}")
+        self._frames = frames
         felt = {name: sizes[name] // 2 for name in fields(observation_space)}
         seen = sum(size for name, size in sizes.items() if name not in felt)
         super().__init__(observation_space, features_dim=seen + 2 * features * len(felt))
@@ -331,7 +345,8 @@ class TouchExtractor(BaseFeaturesExtractor):
             box = observation_space[name]
             assert isinstance(box, gym.spaces.Box), "channels are boxes"
             scale = TYPICAL.get(name, 1.0) / np.maximum(-box.low, box.high)
-            self.register_buffer(f"scale_{name}", torch.as_tensor(scale.reshape(2, -1)))
+            scales = self._by_pad(torch.as_tensor(scale)[None])[0]
+            self.register_buffer(f"scale_{name}", scales)
         self._pads = torch.nn.ModuleDict(
             {
                 name: torch.nn.Sequential(
@@ -348,13 +363,17 @@ class TouchExtractor(BaseFeaturesExtractor):
             {name: torch.nn.Parameter(torch.tensor(WEAK)) for name in felt}
         )
 
+    def _by_pad(self, values: torch.Tensor) -> torch.Tensor:
+        """Values (N, 2, ...) of each pad in all frames, from those (N, ...) of a channel."""
+        return values.reshape(len(values), self._frames, 2, -1).transpose(1, 2).flatten(2)
+
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
         """Features (N, F) of observations (N, ...)."""
         parts = []
         for name in self._channels:
             values = observations[name]
             if name in self._pads:
-                pads = values.reshape(len(values), 2, -1) * self.get_buffer(f"scale_{name}")
+                pads = self._by_pad(values) * self.get_buffer(f"scale_{name}")
                 values = self._strength[name] * self._pads[name](pads).flatten(1)
             parts.append(values)
         return torch.cat(parts, dim=1)
@@ -407,8 +426,15 @@ class AsymmetricPolicy(MultiInputActorCriticPolicy):
     def actor(self) -> Any:
         """Part of the policies of SAC, TD3 and DDPG, which this one cannot take the place of."""
         raise ValueError(
-            "policy: found AsymmetricPolicy in an algorithm that learns off-policy, expected PPO "
-            "or A2C, whose policy has a value function of states"
+            "policy: found AsymmetricPolicy in an algorithm that learns off-policy, expected PPO, "
+            "A2C or TRPO, whose policy has a value function of states"
+        )
+
+    @property
+    def lstm_actor(self) -> Any:
+        """Part of the policies of RecurrentPPO, which this one cannot take the place of."""
+        raise ValueError(
+            "policy: found AsymmetricPolicy in a recurrent algorithm, expected PPO, A2C or TRPO"
         )
 
     def _get_constructor_parameters(self) -> dict[str, Any]:

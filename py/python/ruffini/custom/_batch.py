@@ -220,8 +220,11 @@ class Custom(Native):
             raise ValueError(f"ending: found {type(endings).__name__}, expected booleans by name")
         for name, rows in endings.items():
             if name not in self._own_endings:
-                known = ", ".join(self._own_endings) or "none: `endings` lists no name"
+                if not self._own_endings:
+                    expected = f"none, as `endings` lists none: endings = [{name!r}]"
+                    raise ValueError(f"ending: found {name!r}, expected {expected}")
                 near = nearest(str(name), self._own_endings)
+                known = ", ".join(self._own_endings)
                 raise ValueError(f"ending: found {name!r}{near} expected one of {known}")
             new = self._booleans(f"ending {name}", rows) & ~restarted & ~step.terminated & ~ended
             step.ending[new] = self._endings.index(name) + 1
