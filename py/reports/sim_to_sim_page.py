@@ -85,8 +85,8 @@ moved the object, was of the model in the column's head:
 
 - The finite elements are those that an environment has by default, on about 900 nodes of an even
 mesh. They are not exact: under held objects their normal force is 9 to 15 % [too
-large](sliding.md), against a fine mesh they are off by 8 % in displacement and 16 % in stress in
-[grasps](pareto.md), and by 21 and 22 % under [a ball](fem.md). A difference here is one between two
+large](sliding.md), and under balls and a block on a soft gel they are off by [20 % in displacement
+and 31 % in stress](pareto.md). A difference here is one between two
 models, and not the network's alone.
 
 - In GraspFragile the limit of stress comes from a trial grip that the same model computes. An error

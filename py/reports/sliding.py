@@ -236,10 +236,10 @@ def drags(found: dict[str, Any]) -> str:
 def lowers(found: dict[str, Any]) -> str:
     """Sliding and force by ball, model and depth."""
     lines = [
-        {"ball": ball, "model": model} | models[model]
-        for ball, models in found.items()
+        {"ball": ball, "model": model} | found[ball][model]
+        for ball in LOWERED
         for model in MODELS
-        if model in models
+        if model in found.get(ball, {})
     ]
     columns = {"radius": "{ball}", "model": "{model}"}
     columns |= {

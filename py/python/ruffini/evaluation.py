@@ -254,7 +254,8 @@ def check_wrappers(model: Any) -> None:
             raise _wrapped(kind, _TRANSPARENT[:2])
         envs = envs.venv
     # Single environments, as those of a DummyVecEnv, have wrappers of their own.
-    for env in getattr(envs, "envs", ()):
+    singles = getattr(envs, "envs", None)
+    for env in singles if isinstance(singles, list) else ():
         while isinstance(env, gym.Wrapper):
             if type(env).__name__ not in _WATCHING:
                 raise _wrapped(type(env), _WATCHING[:1])
