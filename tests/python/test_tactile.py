@@ -421,13 +421,17 @@ def test_a_press_without_an_answer_ends_its_episode_by_name():
     shape = {"shape": "annulus", "outer": 0.02, "inner": 0.0195, "half_height": 0.01}
     ring = everything(objects=[shape], tactile="fem")
     env = GraspLiftEnv(**ring)
-    envs = GraspLiftVectorEnv(2, autoreset_mode=AutoresetMode.SAME_STEP, **ring)
-    env.reset(seed=0)
-    envs.reset(seed=0)
+    envs, later = (
+        GraspLiftVectorEnv(2, autoreset_mode=mode, **ring)
+        for mode in (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP)
+    )
+    for each in (env, envs, later):
+        each.reset(seed=0)
     for step in range(25):
         action = np.stack([grasping(step, 1.0), grasping(0)])
         observation, _, terminated, _, info = env.step(action[0])
         *_, done, _, infos = envs.step(action)
+        *_, told = later.step(action)
         assert observation in env.observation_space
         if terminated:
             break
@@ -436,7 +440,9 @@ def test_a_press_without_an_answer_ends_its_episode_by_name():
     assert done.tolist() == [True, False]
     final = infos["final_info"]
     assert final["press_error"][0] == info["press_error"]
-    assert final["_press_error"].tolist() == [True, False]
+    assert final["_press_error"].tolist() == told["_press_error"].tolist() == [True, False]
+    assert told["ending"].tolist() == ["press_failed", None]
+    assert told["press_error"].tolist() == [info["press_error"], None]
 
 
 def test_the_plan_shows_the_stages_that_are_asked_for():
