@@ -1,4 +1,4 @@
-"""Episodes of tasks of one's own: what is drawn, seeds, endings and failed presses."""
+"""Episodes of tasks of one's own: what is drawn, seeds and endings."""
 
 from __future__ import annotations
 
@@ -99,22 +99,6 @@ def test_of_two_endings_the_first_is_told_and_of_the_bases_and_ones_own_the_base
         env.step(let_go)
     let_go[0] = 1.0
     assert env.step(let_go)[4]["ending"] == "dropped"
-
-
-def test_a_press_that_fails_pays_nothing():
-    ring = {"shape": "annulus", "outer": 0.02, "inner": 0.0195, "half_height": 0.01}
-    settings = {"objects": [ring], "tactile": "fem", "resolution": {"nodes": 300}}
-    settings |= {"position": 0.0, "start": 0.0, "start_height": 0.08}
-    env = CustomEnv(Paid, **settings)
-    env.reset(seed=0)
-    for step in range(25):
-        down = [0, 0, -0.9, 0, -0.2] if step < 7 else [0, 0, 0.2 * (step > 14), 0, 1]
-        _, reward, terminated, _, info = env.step(np.array(down, np.float32))
-        if terminated:
-            break
-        assert reward == 1.0
-    assert info["ending"] == "press_failed"
-    assert (reward, info["reward_terms"]) == (0.0, {"one": 0.0})
 
 
 class Telling(Paid):
