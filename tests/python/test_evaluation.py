@@ -56,7 +56,10 @@ def test_progress_is_told_after_every_step():
 
 
 class Uneven:
-    """Of three rows one holds, one lets go soon, and one when it has succeeded for a while."""
+    """Of three rows one holds, one lets go soon, and one when it has succeeded for a while.
+
+    Odd rows hold in each later episode.
+    """
 
     def __init__(self, rows):
         self.rows, self.starts, self.steps = rows, [], []
@@ -64,7 +67,10 @@ class Uneven:
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         assert deterministic, "judged without noise"
-        state = np.zeros(len(self.rows), int) if state is None else state
+        if state is None:
+            state = np.zeros(len(self.rows), int)
+        else:
+            self.until[episode_start & (self.rows % 2 == 1)] = 99
         state = np.where(episode_start, 0, state) + 1
         self.starts.append(np.array(episode_start))
         self.steps.append(state)
