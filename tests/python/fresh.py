@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import resource
 import signal
 import subprocess
 import sys
@@ -26,23 +28,36 @@ def fresh(call: Callable[..., bytes], *arguments: object) -> bytes:
     return done.stdout
 
 
-def interrupted(code: str, after: float = 2.0) -> tuple[float, bytes]:
+def interrupted(code: str, after: float = 2.0) -> tuple[float, float, bytes]:
     """Time (s) in which code ends that is interrupted so long (s) after it has printed a line.
 
-    With what it says on standard error.
+    With the processor time (s) that it takes for that, and what it says on standard error.
     """
+    before = _seconds(resource.getrusage(resource.RUSAGE_CHILDREN))
     line = [sys.executable, "-u", "-c", code]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with subprocess.Popen(line, **pipes, preexec_fn=_heed) as run:
         try:
             run.stdout.readline()
             time.sleep(after)
-            begun = time.monotonic()
+            begun, spent = time.monotonic(), _spent(run.pid)
             run.send_signal(signal.SIGINT)
             _, said = run.communicate(timeout=60)
         finally:
             run.kill()
-    return time.monotonic() - begun, said
+    took = time.monotonic() - begun
+    whole = _seconds(resource.getrusage(resource.RUSAGE_CHILDREN)) - before
+    return took, whole - spent, said
+
+
+def _seconds(usage: resource.struct_rusage) -> float:
+    return usage.ru_utime + usage.ru_stime
+
+
+def _spent(pid: int) -> float:
+    """Processor time (s) of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
 
 
 def _heed() -> None:

@@ -13,9 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import IDS
 from drawn_agent import COARSE, HOLD, drawn
 
 from ruffini import agents
+from ruffini.agents import first_seed
+from ruffini.agents.params import params
 from ruffini.commands import main
 from ruffini.evaluation import evaluate
 
@@ -52,6 +55,17 @@ def test_a_run_is_an_agent(run):
     assert agent.card["evaluation"] == {} and agent.card["policy"] == "MultiInputPolicy"
     about = json.loads((run / agents.RUN).read_text())
     assert about["params"]["steps"] == 512 and about["params"]["environment"] == COARSE
+
+
+def test_a_shorter_run_has_the_same_share_of_steps_with_rigid_pads():
+    pytest.importorskip("stable_baselines3")
+    from ruffini.agents.training import _sized
+
+    several = [params(env_id) for env_id in IDS]
+    assert any(of.steps_without_touch for of in several)
+    for of in several:
+        half = _sized(of, of.steps // 2, None)
+        assert half.steps_without_touch == pytest.approx(of.steps_without_touch / 2, abs=1)
 
 
 def test_the_bar_of_a_run_ends_at_all_of_it(tmp_path, capfd):
@@ -111,6 +125,39 @@ def test_a_run_goes_on(run, tmp_path, capsys):
     ):
         assert command(*wrong, "--steps", 1000, "--resume", "--out", folder) == 2
         assert text in capsys.readouterr().err
+
+
+def test_a_run_goes_on_with_its_weights_statistics_and_optimiser_in_other_episodes(
+    run, tmp_path, monkeypatch
+):
+    sb3 = pytest.importorskip("stable_baselines3")
+    from ruffini.agents.sb3 import from_sb3
+
+    folder, seen = tmp_path / "run", {}
+    shutil.copytree(run, folder)
+    before = agents.load(folder)
+
+    def learn(model, *_, **__):
+        base = model.get_env()
+        while hasattr(base, "venv"):
+            base = base.venv
+        seen["seeds"] = base._seeds[:2]
+        seen["optimiser"] = model.policy.optimizer.state_dict()["state"]
+        about = {"env_id": before.env_id, "settings": before.settings, "seed": 4, "threads": 1}
+        seen["agent"] = from_sb3(model, None, commit="", **about)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sb3.PPO, "learn", learn)
+    assert command("train", "HoldStill", "--resume", "--steps", 1024, "--out", folder) == 130
+    found = seen["agent"]
+    assert found.card["steps"] == before.card["steps"] == 512
+    assert found.card["normaliser"] == before.card["normaliser"]
+    assert found.tensors.keys() == before.tensors.keys()
+    for name, values in before.tensors.items():
+        np.testing.assert_array_equal(found.tensors[name], values, err_msg=name)
+    assert seen["optimiser"], "the optimiser begins anew"
+    first = first_seed(4, 512)
+    assert seen["seeds"] == [first, first + 1]
 
 
 def test_a_kill_while_the_checkpoint_is_replaced_loses_one_checkpoint_alone(
@@ -350,14 +397,18 @@ def test_a_run_plays_without_a_card_to_compare_with(run, capsys):
     assert found.startswith("agent ")
 
 
-def test_an_agent_is_trained_further(run, tmp_path, capsys):
+def test_an_agent_is_trained_further(run, tmp_path, monkeypatch, capsys):
     pytest.importorskip("stable_baselines3")
+    from ruffini.agents import training
+
+    monkeypatch.setattr(training, "about_this_run", lambda: {"commit": "def5678"})
     folder = tmp_path / "further"
     words = ["--from", run, "--steps", 256, *EIGHT, "--out", folder]
     assert command("train", "HoldStill", *words, "--settings", '{"load": 0.5}') == 0
     first, agent = agents.load(run), agents.load(folder)
     assert agent.settings == COARSE | {"load": 0.5}
     assert agent.card["steps"] == first.card["steps"] + 256
+    assert agent.card["commit"] == f"{first.card['commit']}, def5678"
     before, after = (one.card["normaliser"]["count"] for one in (first, agent))
     assert after == before + 8 * 33, "its statistics go on"
     weights = [one.tensors["policy.0.weight"] for one in (first, agent)]

@@ -11,6 +11,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from conftest import IDS
 from drawn_agent import COARSE, HOLD, card, drawn, tensors
 
 from ruffini import __version__, agents
@@ -18,6 +19,10 @@ from ruffini._core import read_tensors, write_tensors
 from ruffini.agents import FORMAT, MOST_BYTES, Agent, Card, environment_id, load
 
 SAID = ("episodes", "first_seed", "success", "interval", "return")
+
+
+def test_every_task_has_an_agent_in_the_package():
+    assert agents.names() == [env_id.split("/")[1] for env_id in IDS]
 
 
 def test_agents_that_come_with_the_package_are_whole():

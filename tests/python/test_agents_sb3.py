@@ -168,6 +168,9 @@ def test_models_that_no_agent_can_stand_for_are_refused(tmp_path):
     model, normaliser = trained(LIFT, BLIND, steps=64, share_features_extractor=False)
     with pytest.raises(ValueError, match="share_features_extractor: found False"):
         export(model, normaliser, path, **about)
+    explored = PPO("MultiInputPolicy", envs, n_steps=32, use_sde=True, device="cpu")
+    with pytest.raises(ValueError, match="use_sde: found True"):
+        export(explored, None, path, **about)
     assert not path.exists()
 
 

@@ -97,6 +97,32 @@ def test_known_parameters_are_found_again(table):
     assert np.abs(np.concatenate(problem.left_out(fit))).max() < 1e-3
 
 
+def test_a_thicker_gel_is_found_again():
+    fitted, held = ["young", "thickness"], {**HELD, "poisson": 0.43}
+    solved = Table.solve(GEL, BALL, 1.5e-3, fitted, held)
+    depths = np.linspace(2e-4, 1.4e-3, 7)
+    thin, thick = (
+        TRUE["young"] * GEL.solve(BALL, depths, {**held, "thickness": share})
+        for share in (1.0, 1.25)
+    )
+    assert thick[-1] < 0.97 * thin[-1]
+    for share, force in ((1.0, thin), (1.25, thick)):
+        fit = Problem([Curve("solved", BALL, depths, force)], [solved], fitted, held).fit(levels=())
+        assert fit.values["thickness"] == pytest.approx(share, abs=0.03)
+        assert fit.values["young"] == pytest.approx(TRUE["young"], rel=0.03)
+
+
+def test_a_point_that_is_off_is_off_by_more_where_it_is_left_out(table):
+    curve = measured(table)
+    curve.forces[3] *= 1.1
+    problem = Problem([curve], [table], ["young", "offset"], {**HELD, "poisson": 0.43})
+    fit = problem.fit(levels=())
+    [here], [left] = fit.errors, problem.left_out(fit)
+    # A fit without the point meets all others to rounding.
+    assert left[3] == pytest.approx(1 / 1.1 - 1, abs=1e-3)
+    assert abs(here[3]) < abs(left[3]) - 5e-3
+
+
 def test_the_stiffness_of_a_stand_is_found_again(table):
     true, held = {**TRUE, "stiffness": 2e4}, {**HELD, "poisson": 0.43}
     names = ["young", "offset", "stiffness"]
@@ -189,6 +215,18 @@ def test_the_file_that_is_written_is_a_sensor(command, tmp_path, capsys):
     assert [one["name"] for one in found["calibration"]][:2] == ["fitted", "mine"]
     assert 0.0032 <= found["outline"]["thickness"] <= 0.005
     assert found["outline"]["thickness"] != 0.004
+
+
+def test_what_is_written_is_what_was_fitted_or_held(command, tmp_path):
+    for k, (options, sound) in enumerate(
+        (
+            (("--poisson", "0.41"), lambda p: p == 0.41),
+            (("--fit", "young", "poisson"), lambda p: 0.3 <= p <= 0.495 and p != 0.47),
+        )
+    ):
+        out = tmp_path / f"{k}.toml"
+        assert command(POINTS, *options, "--force", "--out", str(out)) == 0
+        assert sound(json.loads(read_sensor(str(out)))["calibration"][0]["poisson"]), options
 
 
 def test_a_sensor_is_written_as_it_was_read(tmp_path):

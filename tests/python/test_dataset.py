@@ -506,7 +506,7 @@ def test_ctrl_c_ends_a_grasp_that_is_being_solved(tmp_path):
         f"grasps=1, frames=40, truth_nodes=2500, truth_element='p2', model_nodes=200, "
         "watch=lambda now: print(now) is None)"
     )
-    seconds, said = interrupted(code)
+    seconds, _, said = interrupted(code)
     assert seconds < 15 and b"KeyboardInterrupt" in said
     assert list((tmp_path / "out/parts").glob("*")) == []
 

@@ -21,10 +21,15 @@ def killed_and_resumed(folder, kills, whole, random):
 
     `whole` is what it takes undisturbed (s).
     """
+
+    def parts():
+        return set(folder.rglob("*.safetensors"))
+
     met = 0
-    for _ in range(50):
+    for _ in range(20 * kills):
         if met == kills:
             break
+        before = parts()
         line = [*MAKE, str(folder)]
         with subprocess.Popen(line, stderr=subprocess.DEVNULL) as run:
             try:
@@ -32,7 +37,7 @@ def killed_and_resumed(folder, kills, whole, random):
                 shutil.rmtree(folder)  # It was done before the kill came: begin anew.
             except subprocess.TimeoutExpired:
                 run.kill()
-                met += any(folder.rglob("*.safetensors"))
+                met += parts() != before
     assert met == kills
     subprocess.run([*MAKE, str(folder)], check=True, timeout=600)
 

@@ -31,6 +31,25 @@ def test_a_sample_is_whole_and_in_balance(name, grasps):
     assert size < 2e6, f"{size} bytes of samples"
 
 
+def test_a_frame_has_the_numbers_of_its_own_row_and_side():
+    data = dataset.open(SAMPLES / "grasps")
+    for grasp in data.grasps:
+        frames = [data[index] for index in data.frames(grasp)]
+        assert len(frames) > 1
+        np.testing.assert_array_equal([f.force for f in frames], data.column(grasp, "force"))
+        np.testing.assert_array_equal([f.object for f in frames], data.column(grasp, "object"))
+        for side, name in enumerate(("first", "second")):
+            pads = [frame.pads[side] for frame in frames]
+            for field in ("displacement", "von_mises", "contact_force", "wrench", "press", "pose"):
+                column = data.column(grasp, f"{name}.{field}")
+                np.testing.assert_array_equal([getattr(p, field) for p in pads], column)
+            counts = data.column(grasp, f"{name}.anchors")
+            assert [len(pad.anchors) for pad in pads] == counts.tolist() and counts.sum() > 0
+            places = np.concatenate([pad.anchors[:, 1] for pad in pads])
+            column = data.column(grasp, f"{name}.anchor_place").astype(np.float32)
+            np.testing.assert_array_equal(places, column)
+
+
 def test_the_configuration_beside_a_sample_makes_it(tmp_path):
     """Its squeezes; the grasps take longer. Other processors round otherwise, by far less."""
     data = dataset.open(SAMPLES / "squeezes")

@@ -199,7 +199,7 @@ def test_a_shape_that_begins_buried_is_taken_to_come_from_outside(model, shape):
     [found] = MODELS[model]().solve(Press(SLENDER[shape], [pose]))
     if isinstance(found, PressError):
         kinds = ("not-converged", "step-too-long", "penetrated", "inverted")
-        assert found.kind in kinds, found
+        assert found.kind in kinds and model != "fem", found
     else:
         assert found.wrench[2] <= 0.0, f"{found.wrench[2]} N out of the gel"
 

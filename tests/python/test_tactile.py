@@ -16,6 +16,7 @@ from gymnasium.vector import AutoresetMode
 
 import ruffini
 from ruffini._schema import ENDINGS, SHARED_CHANNELS
+from ruffini.custom import CustomVectorEnv, Task
 from ruffini.envs import GraspLiftEnv, GraspLiftVectorEnv
 
 SENSORS = Path(__file__).parents[2] / "env-core/assets/sensors"
@@ -416,27 +417,38 @@ def test_hysteresis_keeps_what_is_seen_behind_what_is_true():
     np.testing.assert_allclose(seen, lagging, rtol=0.0, atol=1e-9)
 
 
-def test_a_press_without_an_answer_ends_its_episode_by_name():
+class Paid(Task):
+    """Pays one in every step."""
+
+    terms = {"one": 1.0}
+
+    def reward(self, state):
+        return {"one": 1.0}
+
+
+def test_a_press_without_an_answer_ends_its_episode_by_name_and_pays_nothing():
     # The full grip drives the edges of a thin ring through the elements of a coarse mesh.
-    shape = {"shape": "annulus", "outer": 0.02, "inner": 0.0195, "half_height": 0.01}
-    ring = everything(objects=[shape], tactile="fem")
-    env = GraspLiftEnv(**ring)
-    envs = GraspLiftVectorEnv(2, autoreset_mode=AutoresetMode.SAME_STEP, **ring)
+    shape = {"shape": "annulus", "outer": 0.02, "inner": 0.0197, "half_height": 0.01}
+    ring = everything(objects=[shape], tactile="fem", resolution={"nodes": 100})
+    env, envs = GraspLiftEnv(**ring), CustomVectorEnv(Paid, 2, **ring)
     env.reset(seed=0)
     envs.reset(seed=0)
     for step in range(25):
         action = np.stack([grasping(step, 1.0), grasping(0)])
-        observation, _, terminated, _, info = env.step(action[0])
-        *_, done, _, infos = envs.step(action)
+        observation, reward, terminated, _, info = env.step(action[0])
+        _, paid, done, _, infos = envs.step(action)
         assert observation in env.observation_space
         if terminated:
             break
+        assert paid.tolist() == [1.0, 1.0]
     assert terminated and info["ending"] == "press_failed"
     assert info["press_error"] in ("not-converged", "step-too-long", "inverted", "penetrated")
     assert done.tolist() == [True, False]
-    final = infos["final_info"]
-    assert final["press_error"][0] == info["press_error"]
-    assert final["_press_error"].tolist() == [True, False]
+    assert (reward, paid.tolist()) == (0.0, [0.0, 1.0])
+    assert infos["reward_terms"]["one"].tolist() == [0.0, 1.0]
+    assert infos["ending"].tolist() == ["press_failed", None]
+    assert infos["press_error"].tolist() == [info["press_error"], None]
+    assert infos["_press_error"].tolist() == [True, False]
 
 
 def test_the_plan_shows_the_stages_that_are_asked_for():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import threading
 from functools import cache
 from inspect import signature
 
@@ -78,6 +79,12 @@ def test_seeds_can_be_given_one_by_one():
     both, _ = envs.reset(seed=[11, 4])
     alone, _ = GraspLiftEnv().reset(seed=4)
     np.testing.assert_array_equal(flat(both)[1], flat(alone))
+
+
+def test_a_seed_is_gymnasiums_own_too():
+    envs = GraspLiftVectorEnv(2, tactile="none")
+    envs.reset(seed=5)
+    assert envs.np_random_seed == 5
 
 
 def test_make_vec_takes_the_native_batch_with_its_time_limit():
@@ -303,6 +310,44 @@ def test_an_ended_row_must_be_reset_when_autoreset_is_disabled():
         envs.step(np.zeros((2, 5)))
     with pytest.raises(ValueError, match="reset_mask"):
         envs.reset(options={"reset_mask": np.zeros(2, bool)})
+
+
+def test_an_object_that_is_pushed_off_the_table_is_lost_by_name():
+    envs = GraspLiftVectorEnv(64, tactile="none", objects="sphere", friction=0.2)
+    envs.reset(seed=0)
+    push = np.zeros((64, 5), np.float32)
+    push[:, 4], push[::2, 0], push[1::2, 0] = -1, -1, 1
+    lost = 0
+    for step in range(99):
+        push[:, 2] = -1 if step < 12 else 0
+        *_, terminated, _, info = envs.step(push)
+        for row in np.flatnonzero(terminated):
+            assert info["ending"][row] == "object_lost" and not info["is_success"][row]
+            assert np.abs(envs.look(row)["object_position"][:2]).max() > 0.25
+            lost += 1
+    assert lost > 2
+
+
+def test_a_call_while_another_thread_steps_says_so():
+    envs = GraspLiftVectorEnv(512, num_threads=1, tactile="none")
+    envs.reset(seed=0)
+    still, said = np.zeros((512, 5), np.float32), []
+
+    def until_one_is_refused(call):
+        for _ in range(100):
+            try:
+                call()
+            except RuntimeError as error:
+                said.append(str(error))
+            if said:
+                return
+
+    worker = threading.Thread(target=until_one_is_refused, args=[lambda: envs.step(still)])
+    worker.start()
+    until_one_is_refused(envs.state)
+    worker.join()
+    assert "found in another call, expected one thread at a time" in said[0]
+    envs.step(still)
 
 
 def memory() -> bytes:
