@@ -92,7 +92,6 @@ REFUSED = {
     "shapes: found <class 'str'>": lambda: Press("sphere", [POSE]),
     "path: found no frames": lambda: Press(BALL, []),
     "path: found <class 'int'>": lambda: Press(BALL, 3),
-    "path[0][0]: found <class 'float'>": lambda: Press(BALL, ((0.0, 0.0, 0.0), UPRIGHT)),
     "path[0]: position: found array (2,)": lambda: Press(BALL, [((0, 0), UPRIGHT)]),
     "path[1]: quaternion: found length 2": lambda: Press(BALL, [POSE, DOUBLE]),
     "path[0]: quaternion: found length 0": lambda: Press(BALL, [((0, 0, 0), (0, 0, 0, 0))]),
