@@ -385,6 +385,8 @@ def figure(report: dict):
     for (key, title), axis in zip(errors.items(), axes.flat, strict=False):
         error_plot(accuracies(report), f"{key}_error", axis)
         axis.set(title=f"Error of {title} at 1 mm", xlabel="vertices", ylabel="%")
+    # In the first panel it would cover a point; colours are the same in all three.
+    axes[0][1].legend(title="p1 dotted, p2 dashed", fontsize=7)
     cost_plot(accuracies(report), axes[1][0])
     mini_plot(report, axes[1][1])
     speed_plot(report, axes[1][2])
@@ -402,7 +404,6 @@ def error_plot(at: list[dict], key: str, axis) -> None:
             y = [100 * abs(row["depths"]["1.0"][key]) for row in rows]
             label = f"ν {case['poisson']}" if element == DATA else None
             axis.loglog(x, y, style, marker=".", color=f"C{colour}", label=label)
-    axis.legend(title="p1 dotted, p2 dashed", fontsize=7)
 
 
 def cost_plot(at: list[dict], axis) -> None:
@@ -440,6 +441,7 @@ def speed_plot(report: dict, axis) -> None:
     """CPU seconds a frame against nodes."""
     for friction, marker in [(0.0, "o"), (0.5, "s")]:
         rows = [case for case in cases(report, "speed") if case["friction"] == friction]
+        rows.sort(key=lambda case: case["vertices"])
         x, y = ([row[key] for row in rows] for key in ("vertices", "cpu_seconds"))
         axis.loglog(x, y, marker=marker, label=f"{DATA}, μ {friction}")
     axis.set(title="Cost of a 0.1 mm frame", xlabel="nodes", ylabel="CPU s")

@@ -463,6 +463,9 @@ def thread_plot(axis, rows: list[dict]) -> None:
         lines.setdefault(f"{row['scene']}, {row['envs']} envs", []).append(row)
     for name, line in lines.items():
         axis.loglog([r["threads"] for r in line], [r["rate"] for r in line], ".-", label=name)
+    threads = sorted({row["threads"] for row in rows})
+    axis.set_xticks(threads, [str(count) for count in threads])
+    axis.set_xticks([], minor=True)
     axis.set(title="Environments and threads", xlabel="threads", ylabel="steps/s")
     axis.grid(alpha=0.3, which="both")
     axis.legend(fontsize=7, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.14))

@@ -186,7 +186,7 @@ until then. *Slip* is the mean difference from the reference and, in brackets, t
 
 The first row of an object says how far the network's own solution of the simplified motion is from
 what the agent felt in the episode: smaller differences mean nothing. The last row is the
-reference's elements on a coarser refined mesh, of about 1,000 nodes.
+reference's elements on a coarser refined mesh, of about 1,000 nodes. {less}
 
 The reference's own error may be three times what that row says, as 1,500 nodes are only some 13 %
 finer than 1,000, and three it is if it falls with the square of the spacing. In force that is 3 %.
@@ -212,6 +212,7 @@ def page(report: dict[str, Any]) -> str:
         lower=lowers(report["lowered"]),
         turned=turn(report["dragged"]),
         held=holds(report["held"]),
+        less=less(report["held"]),
         made=made(report),
     )
 
@@ -249,10 +250,32 @@ def lowers(found: dict[str, Any]) -> str:
 
 
 def turn(found: dict[str, Any]) -> str:
-    """Sentence about the ball's way back."""
-    off = {model: row["back_off"] for model, row in found["ball"].items()}
-    said = [f"{name} by {off[name]:+.2f}" for name in MODELS if name in off]
-    return f"After the turn the models are off, under the ball, at most: {', '.join(said)}."
+    """Sentences about the ball's way there and back."""
+
+    def said(way: str) -> str:
+        off = {model: row[f"{way}_off"] for model, row in found["ball"].items()}
+        return ", ".join(f"{name} by {off[name]:+.2f}" for name in MODELS if name in off)
+
+    return (
+        f"Under the ball the models are off, at most, on the way there: {said('there')}; after the "
+        f"turn: {said('back')}."
+    )
+
+
+def less(found: dict[str, Any]) -> str:
+    """Sentence on the steps in which the network says less than the reference."""
+    differences = [
+        np.subtract(of["models"]["network"]["sliding"], of["models"][REFERENCE]["sliding"])
+        for of in found.values()
+        if {"network", REFERENCE} <= of["models"].keys()
+    ]
+    if not differences:
+        return ""
+    off = np.concatenate(differences)
+    return (
+        f"The network's slip is below the reference's in {(off < 0).sum()} of {len(off)} steps, by "
+        f"{-off.min():.2f} at most."
+    )
 
 
 def holds(found: dict[str, Any]) -> str:

@@ -160,11 +160,12 @@ that fingers meet objects in every clumsy way: all tasks but InsertPeg, all mode
 
 {made}
 
-{total:,} steps. No observation was infinite or outside its space, no reward outside [0, 1], no
-ending without a name, no panic and no hang, and every part replayed from a snapshot bit for bit:
-the run stops at the first that is not so. A press error either ends its episode (`press_failed`),
-or the contact is solved from rest and the episode goes on. Memory is what a part adds to the
-process.
+{total:,} steps, {rigid:,} of them with rigid pads, {network:,} with the network of pads and
+{others:,} with other models. No observation was infinite or outside its space, no reward outside
+[0, 1], no ending without a name, no panic and no hang, and every part replayed from a snapshot bit
+for bit: the run stops at the first that is not so. A press error either ends its episode
+(`press_failed`), or the contact is solved from rest and the episode goes on. Memory is what a part
+adds to the process.
 
 {parts}"""
 
@@ -185,5 +186,10 @@ def page(report: dict[str, Any]) -> str:
         "MiB gained": "{MiB gained:+.1f}",
         "steps/s": "{steps/s:,.0f}",
     }
-    total = {"total": sum(row["steps"] for row in report["rows"])}
+    steps = {row["key"]: row["steps"] for row in report["rows"]}
+    rigid, network = (
+        sum(count for name, count in steps.items() if kind in name) for kind in ("rigid", "network")
+    )
+    total = {"total": sum(steps.values()), "rigid": rigid, "network": network}
+    total["others"] = total["total"] - rigid - network
     return text(PAGE, report | total, made=made(report), parts=table(columns, report["rows"]))

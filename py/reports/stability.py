@@ -231,7 +231,10 @@ refused with an error that says why (*refused by name*), and {bad} wrong, silent
 panic. A press takes {seconds[median]:.2f} s in the median and {seconds[99 %]:.0f} s at the 99th
 percentile; the limit is {sizes[limit]:.0f} s. Solved means that every number is finite, forces
 balance within the stated tolerance, the wrench is the sum of the contact forces, and no shape is in
-the skin past the documented bound (`py/reports/verdict.py`).
+the skin past the documented bound (`py/reports/verdict.py`). How near an answer is to the truth
+does not count; some were held against [another method](#the-same-answer-found-another-way).
+
+{older}
 
 *fem* is finite elements, *compliance* linear elasticity with contact at points and *nodes* the same
 with contact at nodes, *surrogate* and *swift* two networks, *environment* a scene in which a hand
@@ -277,6 +280,11 @@ substep:
 {slowest}
 
 {made}"""
+OLDER = (
+    "The models are those of the builds that are named [by model](#by-model). The linear solution "
+    "on cells (`LinearPad`), with which environments feel today, and the networks that correct it "
+    "came later and are not among them."
+)
 COMPARED = {
     "relative difference": "{what}",
     "presses": "{compared}",
@@ -310,6 +318,7 @@ def page(report: dict) -> str:
     return text(
         PAGE,
         report | shares | {"bad": len(report["wrong"])},
+        older="" if "linear" in report["by answerer"] else OLDER,
         mended=table(DEFECT, report["defects"]),
         answerers=counts(report["by answerer"], "model", report["asked by"]),
         reasons=", ".join(f"{name} {n}" for name, n in why),
