@@ -162,7 +162,7 @@ def ended(by_kind: dict[str, list[dict[str, Any]]]) -> list[str]:
 
 def won(row: dict[str, Any]) -> int:
     """Number of episodes of a run that count as won."""
-    return round(row["success"] * row["episodes"])
+    return round(float(row["success"]) * int(row["episodes"]))
 
 
 def usual(env_id: str) -> str:
