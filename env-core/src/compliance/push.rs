@@ -145,10 +145,10 @@ impl Push {
     fn reach<D: ForceControlled>(&mut self, body: &mut D) -> Option<()> {
         if self.is_met(self.along::<D>(body.state()), SETTLED) {
             // A history does not hold all of its state: it is settled once more.
-            let state = self.attempt(body, 0.0).ok()?;
-            let along = self.along::<D>(&state);
-            *body.state() = state;
-            if self.is_met(along, SETTLED) {
+            if let Ok(state) = self.attempt(body, 0.0)
+                && self.is_met(self.along::<D>(&state), SETTLED)
+            {
+                *body.state() = state;
                 return Some(());
             }
         }

@@ -35,12 +35,12 @@ pub(super) fn heights(
 
 /// A quantity that is linear along a row of pixels.
 #[derive(Clone, Copy)]
-pub(super) struct Linear {
+pub(super) struct AlongRow {
     start: f64,
     step: f64,
 }
 
-impl Linear {
+impl AlongRow {
     /// Value at pixel `k` of the row.
     pub(super) fn at(self, k: i32) -> f64 {
         self.start + f64::from(k) * self.step
@@ -53,7 +53,7 @@ pub(super) fn cover_by<const N: usize>(
     triangle: &[Point3<f64>; 3],
     values: [[f64; 3]; N],
     view: &PlanGrid,
-    mut visit: impl FnMut(Range<usize>, [Linear; N]),
+    mut visit: impl FnMut(Range<usize>, [AlongRow; N]),
 ) {
     /// Share of a corner down to which a pixel still counts as inside, so that rounding leaves no
     /// gap between two triangles.
@@ -89,7 +89,7 @@ pub(super) fn cover_by<const N: usize>(
         let (from, to) = (from.ceil(), to.floor());
         if from <= to {
             let start = (j * view.counts[0] + columns.start) as usize + from as usize;
-            let lines = from_fn(|n| Linear {
+            let lines = from_fn(|n| AlongRow {
                 start: dot(&values[n], &shares) + from * along[n],
                 step: along[n],
             });

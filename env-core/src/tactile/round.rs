@@ -11,7 +11,7 @@ use crate::{geometry::Shape, simd::vectorised};
 
 /// Points with Σ mᵢ pᵢ² ≤ (r + k z)², a not negative r + k z, and z in a range.
 #[derive(Clone, Copy)]
-struct Round {
+struct RoundSolid {
     /// Factors m.
     metric: Vector3<f64>,
     /// Radius r at z = 0, and its growth k along z.
@@ -23,7 +23,7 @@ struct Round {
 
 const EVERYWHERE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
-impl Round {
+impl RoundSolid {
     fn ellipsoid(semi_axes: &Vector3<f64>) -> Self {
         let metric = semi_axes.map(|semi_axis| semi_axis.powi(-2));
         Self { metric, radius: 1.0, slope: 0.0, slab: EVERYWHERE }
@@ -88,7 +88,7 @@ impl Pieces {
     }
 
     /// Sets the pieces of the lines from `start` on in a solid.
-    fn find(&mut self, solid: &Round, lines: &Lines, start: &Vector3<f64>) {
+    fn find(&mut self, solid: &RoundSolid, lines: &Lines, start: &Vector3<f64>) {
         let growth = solid.slope * lines.up.z;
         let a = solid.metric.dot(&lines.up.component_mul(&lines.up)) - growth * growth;
         // A line steeper than the side is inside beyond a root; beyond the other root lies the
@@ -108,7 +108,7 @@ impl Pieces {
     #[inline(always)]
     fn fill(
         &mut self,
-        solid: &Round,
+        solid: &RoundSolid,
         Lines { up, step }: &Lines,
         start: &Vector3<f64>,
         a: f64,
@@ -174,7 +174,7 @@ pub(super) fn lower_to_round(
     shape: &Shape,
     pose: &Isometry3<f64>,
 ) -> bool {
-    let Some((solid, hole)) = Round::of(shape) else { return false };
+    let Some((solid, hole)) = RoundSolid::of(shape) else { return false };
     // The axes of the grid in the frame of the solid.
     let to_solid = pose.inverse();
     let turn = to_solid.rotation.to_rotation_matrix();
