@@ -283,8 +283,7 @@ the case began.
 IMAGES = """## Pictures
 
 What the channel `image` takes for one finger, in ms. Where the object touches, each pixel shows the
-object's own surface: that of spheres, ellipsoids and cups by a formula, that of meshes, prisms,
-cuboids and potatoes by their triangles. *Mesh* is the potato as a file of triangles.
+object's own surface. *Mesh* is the potato as a file of triangles.
 
 {table}"""
 TRAINED = """## Training by Stable-Baselines3 (SB3), end to end

@@ -49,7 +49,7 @@ def test_a_wrapper_of_single_environments_is_seen(wrapped, text):
         evaluate(model(wrapped), LIFT, 1, obs="flat", **RIGID)
 
 
-def test_wrappers_that_only_watch_are_taken(tmp_path):
+def test_wrappers_that_only_watch_are_taken():
     watched = model(lambda: gym.wrappers.RecordEpisodeStatistics(flat()))
     assert evaluate(watched, LIFT, 1, obs="flat", **RIGID)["episodes"] == 1
 
