@@ -269,11 +269,15 @@ their size.
 
 def judge(nodes: int) -> str:
     """Sentence on the errors of the finite elements that judge, under a ball."""
-    depths = next(
+    cases = json.loads((OUT / "fem.json").read_text())["cases"]["accuracy 0.48"]["rows"]
+    known = [
         row["depths"]
-        for row in json.loads((OUT / "fem.json").read_text())["cases"]["accuracy 0.48"]["rows"]
+        for row in cases
         if row["element"] == "p1-bar" and abs(row["vertices"] - nodes) < 0.01 * nodes
-    )
+    ]
+    if not known:
+        return f"The errors of finite elements with {nodes} nodes are not known, as in a small run."
+    depths = known[0]
     off = [
         " and ".join(f"{100 * found[key]:.1f}" for found in depths.values())
         for key in ("displacement_error", "von_mises_error")

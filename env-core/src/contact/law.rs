@@ -97,11 +97,18 @@ impl ContactLaw {
         for (force, normal) in forces {
             let pressing = force.dot(&normal).max(0.0);
             all += pressing;
-            if (force - normal * pressing).norm() >= USED_UP * self.friction * pressing {
+            if self.slides(&force, &normal) {
                 sliding += pressing;
             }
         }
         if all > 0.0 { sliding / all } else { 0.0 }
+    }
+
+    /// Returns whether the friction in the `force` on a point, where the shape has this outward
+    /// `normal`, is at its limit.
+    pub fn slides(&self, force: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        let pressing = force.dot(normal).max(0.0);
+        (force - normal * pressing).norm() >= USED_UP * self.friction * pressing
     }
 
     /// Energy (J/m²) with friction limited to `limit` (Pa).

@@ -99,7 +99,7 @@ pub struct Deformation {
     /// Resultant of all contact on the soft body.
     pub wrench: Wrench,
     /// Share of the normal force that the sliding part of the contact bears: points whose friction
-    /// is at its limit. Networks leave it as the linear solution has it.
+    /// is at its limit.
     pub sliding: f64,
     /// Poses of the shapes (S).
     pub poses: Vec<Isometry3<f64>>,

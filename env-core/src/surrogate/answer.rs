@@ -17,6 +17,7 @@ use super::{
     material::PadMaterial,
     parameters::Parameters,
     predicted::{self, ErrorModel},
+    slip,
     weights::{self, Card, bearing_of},
 };
 use crate::{
@@ -299,7 +300,7 @@ impl PadModel {
         let friction = press.friction().unwrap_or(self.gel.friction);
         let gel = PadMaterial { friction, ..self.gel };
         let input = PadInput::new(&self.graph, &gel, places, press.shapes(), &linear);
-        let LinearFields { fields: linear, .. } = linear;
+        let LinearFields { fields: linear, cells } = linear;
         let (answer, residual, predicted_error) = if input.amplitude > 0.0 {
             let mut fields = self.network_fields(&input, with_stress, is_plain)?;
             let blend = |model: &ErrorModel| model.blended(&input, &mut fields);
@@ -321,6 +322,7 @@ impl PadModel {
         };
         let PadFields { displacement, contact_force, von_mises, poses } = answer;
         let ContactSolution { sliding, history, iterations, seconds, .. } = settled;
+        let sliding = slip::corrected(sliding, &cells, places, &contact_force, friction);
         let predicted_error = PredictedError::with_unfelt(predicted_error, on_walls);
         let arms = places.iter().zip(&displacement).map(|(place, u)| place.coords + u);
         let wrench = Wrench::of_forces(contact_force.iter().copied().zip(arms));

@@ -29,6 +29,7 @@ mod parameters;
 mod predicted;
 mod run;
 mod samples;
+mod slip;
 pub mod soft;
 mod stress_head;
 #[cfg(test)]

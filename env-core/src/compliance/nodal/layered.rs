@@ -83,6 +83,8 @@ pub struct NodeContact {
     pub normal: Vector3<f64>,
     /// Square of the shapes' slope against the face, weighted by the cells' forces (N).
     pub slope: f64,
+    /// Part of `borne` of cells that slide (N).
+    pub sliding: f64,
 }
 
 impl LayeredPad {
@@ -170,6 +172,7 @@ impl LayeredPad {
                 None => self.model.under(&grid.place(*rank)),
             };
             let size = force.norm();
+            let sliding = if self.law.slides(force, normal) { size } else { 0.0 };
             // Slope of the shape against the face, up to that of a wall of 84°.
             let slope = normal.xy().norm_squared() / normal.z.powi(2).max(1e-2);
             for (corner, share) in corners.into_iter().zip(shares).filter(|(_, s)| *s > 0.0) {
@@ -180,6 +183,7 @@ impl LayeredPad {
                 contact.area += grid.area() * share;
                 contact.normal += normal * (size * share);
                 contact.slope += slope * (size * share);
+                contact.sliding += sliding * share;
             }
         }
         (0..).zip(sum).zip(bears).filter_map(|(contact, bears)| bears.then_some(contact)).collect()
