@@ -293,6 +293,13 @@ impl Batch {
             dict.set_item("shaking", shaking.amplitude)?;
             dict.set_item("shaking_frequency", shaking.frequency)?;
         }
+        if let Some(insertion) = episode.insertion {
+            dict.set_item("clearance", insertion.clearance)?;
+            dict.set_item("hole_position", insertion.hole)?;
+            dict.set_item("hole_yaw", insertion.hole_yaw)?;
+            dict.set_item("peg_offset", insertion.offset)?;
+            dict.set_item("peg_tilt", insertion.tilt)?;
+        }
         dict.set_item("object_position", pose.translation.vector.as_slice().to_vec())?;
         dict.set_item("object_quaternion", pose.rotation.coords.as_slice().to_vec())?;
         let distractors = episode.distractors.iter().flatten().zip(&state.distractors);

@@ -38,8 +38,9 @@ pub(super) fn answers(
         let found = each(model, &objects, presses, wanted);
         match model.pads().and_then(|pads| pads.model().linear_body()) {
             Some(body) => {
+                let (mesh, thickness) = (body.mesh(), body.mesh().height());
                 let pairs = found.into_par_iter().zip(presses);
-                pairs.map(|(found, press)| unfolded(found?, press, body.mesh())).collect()
+                pairs.map(|(found, press)| plausible(found?, press, mesh, thickness)).collect()
             }
             None => found,
         }
@@ -78,11 +79,21 @@ fn restarted(
 }
 
 /// Marks the history of an answer to `press` if its displacement turns a tetrahedron of `mesh`
-/// inside out. If that of the answer before did so, too, it is an error.
+/// inside out. It is an error if that of the answer before did so, too, or if a node is displaced by
+/// more than the `thickness` of the gel (m).
 ///
 /// With linear elasticity a shape can carry the skin over its edge and hold it there with its side,
-/// step after step; contact solved from rest is then nearer to the truth.
-fn unfolded(mut answer: Deformation, press: &Press, mesh: &TetMesh) -> Result<Deformation> {
+/// step after step, or drag it along without limit; contact solved from rest is then nearer to the
+/// truth.
+fn plausible(
+    mut answer: Deformation,
+    press: &Press,
+    mesh: &TetMesh,
+    thickness: f64,
+) -> Result<Deformation> {
+    if answer.displacement.iter().any(|u| u.norm_squared() > thickness * thickness) {
+        return Err(Error::Inverted);
+    }
     answer.history.folded = mesh.is_folded_by(&answer.displacement);
     let was_folded = press.history().is_some_and(|before| before.folded);
     if answer.history.folded && was_folded { Err(Error::Inverted) } else { Ok(answer) }
@@ -163,16 +174,33 @@ mod tests {
             .remove(0)
             .unwrap();
         let mesh = model.linear_body().unwrap().mesh().clone();
+        let checked = |answer, press: &Press| plausible(answer, press, &mesh, mesh.height());
         let mut folded = flat.clone();
         // A corner pushed through the opposite side.
-        let [a, b, ..] = mesh.corners(0);
-        folded.displacement[mesh.tets[0][0] as usize] += 9.0 * (b - a);
-        let flat = unfolded(flat, &press, &mesh).unwrap();
-        let once = unfolded(folded.clone(), &press, &mesh).unwrap();
+        let [a, b, c, d] = mesh.corners(0).map(|corner| corner.coords);
+        folded.displacement[mesh.tets[0][0] as usize] += 1.1 * ((b + c + d) / 3.0 - a);
+        let flat = checked(flat, &press).unwrap();
+        let once = checked(folded.clone(), &press).unwrap();
         assert_eq!([flat.history.folded, once.history.folded], [false, true]);
         let again = press.clone().after(once.history).unwrap();
-        assert_eq!(unfolded(folded.clone(), &again, &mesh).unwrap_err(), Error::Inverted);
+        assert_eq!(checked(folded.clone(), &again).unwrap_err(), Error::Inverted);
         let mended = press.after(flat.history).unwrap();
-        assert!(unfolded(folded, &mended, &mesh).is_ok());
+        assert!(checked(folded, &mended).is_ok());
+    }
+
+    #[test]
+    fn an_answer_that_moves_farther_than_the_gel_is_thick_is_an_error() {
+        let pad = coarse();
+        let mesh = pad.model().linear_body().unwrap().mesh();
+        let pose = vec![Isometry3::translation(0.0, 0.0, 8e-3 - 3e-4)];
+        let press = Press::along(vec![Shape::Sphere { radius: 8e-3 }], vec![pose]).unwrap();
+        let presses = slice::from_ref(&press);
+        let near = pad.model().solve_partially(presses, Wanted::default()).remove(0).unwrap();
+        let moved = |share: f64| {
+            let mut answer = near.clone();
+            answer.displacement.fill(Vector3::new(0.0, share * mesh.height(), 0.0));
+            plausible(answer, &press, mesh, mesh.height()).map(|_| ())
+        };
+        assert_eq!([moved(0.99), moved(1.01)], [Ok(()), Err(Error::Inverted)]);
     }
 }

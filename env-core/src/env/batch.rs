@@ -398,7 +398,9 @@ impl Batch {
         };
         let Some(row) = self.rows.iter().position(|row| !started(row)) else { return Ok(()) };
         let found = format!("row {row} without a running episode");
-        Err(Error::invalid("step", found, "a reset before it"))
+        let error = Error::invalid("step", found, "a reset before it");
+        let reset = "reset_mask in the options of reset says which rows begin anew";
+        Err(if self.autoreset == Autoreset::Disabled { error.hinting(reset) } else { error })
     }
 
     /// Calls `act` with the index, the row and the observation (D) of each row, and returns the

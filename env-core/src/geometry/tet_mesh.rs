@@ -113,6 +113,12 @@ impl TetMesh {
         })
     }
 
+    /// Extent along z (m).
+    pub fn height(&self) -> f64 {
+        let heights = || self.vertices.iter().map(|vertex| vertex.z);
+        heights().fold(f64::NEG_INFINITY, f64::max) - heights().fold(f64::INFINITY, f64::min)
+    }
+
     /// Volume (m³).
     pub fn volume(&self) -> f64 {
         (0..self.tets.len()).map(|t| self.tet_volume(t)).sum()
