@@ -280,14 +280,38 @@ impl Foundations {
     ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
         let base = Twist::of(&step.wrist, step.time);
+        for &handle in solids {
+            let solid = &mut world.bodies[handle];
+            solid.reset_forces(false);
+            solid.reset_torques(false);
+        }
+        let (touched, mut contacts) = self.touched_bodies(world, solids, &poses, &base);
+        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
+        let mut loads = std::mem::take(&mut bodies.loads);
+        add_corrections(&mut loads, &bodies, &touched);
+        bodies.loads = loads;
+        let (mut forces, fixture) = bodies.balance(&mut contacts, stops, self.friction);
+        self.fixture = fixture;
+        add_corrections(&mut forces, &bodies, &touched);
+        let applied = Applied { contacts, touched, bodies, poses, base };
+        applied.exert(world, hand, step, &forces);
+        applied
+    }
+
+    /// Bodies that the pads may touch in a step, the object first, and the bristles inside them.
+    fn touched_bodies(
+        &mut self,
+        world: &PhysicsWorld,
+        solids: &[RigidBodyHandle],
+        poses: &[Isometry3<f64>; 2],
+        base: &Twist,
+    ) -> (Vec<TouchedBody>, Vec<LoadedBristle>) {
         let mut touched: Vec<TouchedBody> = Vec::new();
         let mut touches = std::mem::take(&mut self.touches);
         let mut contacts = std::mem::take(&mut self.contacts);
         contacts.clear();
         for (number, &handle) in solids.iter().enumerate() {
-            let solid = &mut world.bodies[handle];
-            solid.reset_forces(false);
-            solid.reset_torques(false);
+            let solid = &world.bodies[handle];
             let pose = units::si_pose(solid.position());
             let seen = poses.map(|pad| pad.inv_mul(&pose));
             let center = units::si_vector(solid.center_of_mass());
@@ -300,8 +324,9 @@ impl Foundations {
                 }
                 contacts.extend(touches.iter().map(|touch| {
                     let place = (pose * Point3::from(touch.place())).coords;
-                    let (arm, gain, rest) = (place - center, pad.correction.gain, base.at(&place));
-                    LoadedBristle::new(finger, body, *touch, gain, turn, arm, rest)
+                    let (gain, arm, velocity) =
+                        (pad.correction.gain, place - center, base.at(&place));
+                    LoadedBristle::new(finger, body, *touch, gain, turn, arm, velocity)
                 }));
             }
             if number == 0 || contacts.len() > before {
@@ -309,33 +334,7 @@ impl Foundations {
             }
         }
         self.touches = touches;
-        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
-        let add_extra = |forces: &mut [f64], bodies: &Bodies| {
-            for finger in 0..2 {
-                for (body, of) in touched.iter().enumerate() {
-                    bodies.add(forces, body, finger, &of.extra[finger]);
-                }
-            }
-        };
-        let mut loads = std::mem::take(&mut bodies.loads);
-        add_extra(&mut loads, &bodies);
-        bodies.loads = loads;
-        let (mut forces, fixture) = bodies.balance(&mut contacts, stops, self.friction);
-        self.fixture = fixture;
-        add_extra(&mut forces, &bodies);
-        for (body, of) in touched.iter().enumerate() {
-            let external = if of.number == 0 { step.force } else { Vector3::zeros() };
-            let other = external - Vector3::z() * (bodies.inertias[body].mass * step.gravity);
-            let is_touched = contacts.iter().any(|contact| contact.body == body);
-            let only_pads = is_touched && !step.is_supported[of.number];
-            let sudden = only_pads.then_some((other, step.time));
-            push(world, of.handle, &wrench_of(&forces, body), sudden);
-        }
-        for (finger, force) in hand.fingers.iter().zip(&forces[6 * touched.len()..]) {
-            let force = units::vector(&(bodies.axis * *force));
-            world.bodies[finger.body].add_force(force, false);
-        }
-        Applied { contacts, touched, bodies, poses, base }
+        (touched, contacts)
     }
 
     /// Updates wrenches and anchors from the motion of bodies and fingers in the step.
@@ -379,6 +378,31 @@ impl Foundations {
             if !touching {
                 pad.correction = Correction::default();
             }
+        }
+    }
+}
+
+impl Applied {
+    /// Applies the `forces` on the unknowns, which [`Bodies::balance`] found, to Rapier's bodies and
+    /// slides.
+    fn exert(
+        &self,
+        world: &mut PhysicsWorld,
+        hand: &HandBodies,
+        step: &FoundationStep,
+        forces: &[f64],
+    ) {
+        for (body, of) in self.touched.iter().enumerate() {
+            let external = if of.number == 0 { step.force } else { Vector3::zeros() };
+            let other = external - Vector3::z() * (self.bodies.inertias[body].mass * step.gravity);
+            let is_touched = self.contacts.iter().any(|contact| contact.body == body);
+            let only_pads = is_touched && !step.is_supported[of.number];
+            let sudden = only_pads.then_some((other, step.time));
+            push(world, of.handle, &wrench_of(forces, body), sudden);
+        }
+        for (finger, force) in hand.fingers.iter().zip(&forces[6 * self.touched.len()..]) {
+            let force = units::vector(&(self.bodies.axis * *force));
+            world.bodies[finger.body].add_force(force, false);
         }
     }
 }
@@ -497,6 +521,15 @@ fn bodies(
         finger_mass: gripper.finger_mass,
         slide_damping: damping(gripper, step.grip),
         centering: gripper.centering_stiffness,
+    }
+}
+
+/// Adds the correction wrenches of the fingers to the `forces` on the unknowns.
+fn add_corrections(forces: &mut [f64], bodies: &Bodies, touched: &[TouchedBody]) {
+    for finger in 0..2 {
+        for (body, of) in touched.iter().enumerate() {
+            bodies.add(forces, body, finger, &of.extra[finger]);
+        }
     }
 }
 
