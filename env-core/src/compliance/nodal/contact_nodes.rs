@@ -255,11 +255,7 @@ pub(super) fn tents(
 
 /// Displacement interpolated at each of `sights` under unit forces on each of `loads` (3M, 3M) in
 /// m/N.
-pub(super) fn condensed_between(
-    condensed: &Condensed,
-    loads: &[Shares],
-    sights: &[Shares],
-) -> Responses {
+fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
     let size = 3 * condensed.skin.len();
     let mut compliance = Responses::new(3 * sights.len());
     let mut row = vec![0.0; size];
