@@ -451,9 +451,9 @@ impl Batch {
 /// Action of a row in the first phase of a step.
 #[derive(Clone, Copy)]
 enum Begun {
-    /// It started a new episode.
+    /// Starts a new episode.
     Reset,
-    /// It moved its rigid bodies.
+    /// Moves its rigid bodies.
     Step,
 }
 

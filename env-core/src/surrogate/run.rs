@@ -96,7 +96,7 @@ struct TrainingSamples {
     samples: Vec<Sample>,
     validation: Vec<Sample>,
     test: Vec<Sample>,
-    /// Number of frames that could not be read.
+    /// Number of frames left out because the linear model failed to solve them.
     lost: usize,
     /// Numbers of grasps and frames of the less accurate dataset to train on.
     low_fidelity: [usize; 2],
@@ -105,8 +105,8 @@ struct TrainingSamples {
 }
 
 impl TrainingSamples {
-    /// Reads the parts of the split of `dataset`, and of the less accurate `lower`; `None` if `watch`
-    /// stops it. Returns an error if one of them has no frames to train on.
+    /// Reads the parts of the split of `dataset`, and of the less accurate `lower`; `None` if
+    /// `watch` stops it. Returns an error if one of them has no frames to train on.
     fn read(
         gels: &Gels,
         dataset: &Dataset,

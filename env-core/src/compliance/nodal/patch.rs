@@ -353,8 +353,8 @@ impl<'a> Patch<'a> {
     }
 }
 
-/// Ranks, ascending, of the nodes that may be within reach of a shape at the end of the step, and of
-/// those that are `held`; see [`Patch::new`].
+/// Ranks, ascending, of the nodes that may be within reach of a shape at the end of the step, and
+/// of those that are `held`; see [`Patch::new`].
 fn candidates(
     nodes: &ContactNodes,
     motion: Move,
@@ -409,8 +409,8 @@ fn moved_by(
     }
 }
 
-/// Nodes of these ranks, each `moved` by the step's beginning (m), that are `held` or within `reach`
-/// (m) of a shape at its end.
+/// Nodes of these `ranks`, already `moved` (m) at the beginning of the step, that are `held` or
+/// within `reach` (m) of a shape at its end.
 fn within_reach(
     nodes: &ContactNodes,
     motion: Move,

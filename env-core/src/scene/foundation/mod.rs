@@ -55,7 +55,7 @@ pub(super) struct Foundations {
     /// Data derived from settings and object, not part of a saved scene.
     #[serde(skip)]
     surroundings: Option<Surroundings>,
-    /// Memory of the last step, for use in the next.
+    /// Working memory, kept from step to step to save allocations.
     #[serde(skip)]
     touches: Vec<BristleContact>,
     #[serde(skip)]
@@ -383,7 +383,7 @@ impl Foundations {
 }
 
 impl Applied {
-    /// Applies the `forces` on the unknowns, which [`Bodies::balance`] found, to Rapier's bodies and
+    /// Applies the `forces` on the unknowns, from [`Bodies::balance`], to Rapier's bodies and
     /// slides.
     fn exert(
         &self,
@@ -550,7 +550,8 @@ fn on_object(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wr
     Wrench { force, torque: turn(&wrench.torque) + arm.cross(&force) }
 }
 
-/// Computes the inverse of [`on_object`].
+/// Converts a wrench on the object, in world axes about its centre of mass, to the opposite wrench
+/// on a pad, in its frame about its origin: the inverse of [`on_object`].
 fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrench {
     let turn = |v: Vector3<f64>| -pad.rotation.inverse_transform_vector(&v);
     let arm = pad.translation.vector - center;
