@@ -31,9 +31,9 @@ pub(crate) struct Recent<K, V> {
 
 struct Instances<K, V> {
     all: Vec<(K, Weak<V>)>,
-    /// Those kept whether or not they are in use, the last that was asked for first.
+    /// Instances kept whether or not they are in use, the last that was asked for first.
     last: Vec<Arc<V>>,
-    /// Those being built, with the process that builds them.
+    /// Keys of the instances being built, with the process that builds each.
     building: Vec<(K, u32, Arc<Mutex<()>>)>,
 }
 

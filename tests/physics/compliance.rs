@@ -542,11 +542,15 @@ fn a_folder_that_cannot_be_written_is_named() {
 fn a_shape_moved_through_the_body_is_not_unfelt() {
     // Moved from just above the block to below it in one frame.
     for radius in [2.0 * MM, 20.0 * MM] {
-        let at = |z| vec![Isometry3::translation(0.3 * MM, 0.2 * MM, z)];
-        let path = vec![at(radius + 0.1 * MM), at(-5.0 * MM - radius)];
-        let press = Press::along(vec![Shape::Sphere { radius }], path).unwrap();
-        let end = linear(&block(), 0.0).solve_path(&press).pop().unwrap();
-        let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() < 1e-6);
+        let model = linear(&block(), 0.0);
+        let force = |z: f64| {
+            let at = |z| vec![Isometry3::translation(0.3 * MM, 0.2 * MM, z)];
+            let press = along(Shape::Sphere { radius }, vec![at(radius + 0.1 * MM), at(z)]);
+            model.solve_path(&press).pop().unwrap().map(|frame| frame.wrench.force.norm())
+        };
+        let felt = force(radius - 0.3 * MM).unwrap();
+        assert!(felt > 0.1, "{felt} N of a ball of {radius} m, 0.3 mm deep");
+        let unfelt = force(-5.0 * MM - radius).is_ok_and(|force| force < 1e-6);
         assert!(!unfelt, "a ball of {radius} m went through the block without a force");
     }
 }
@@ -554,18 +558,23 @@ fn a_shape_moved_through_the_body_is_not_unfelt() {
 #[test]
 fn a_thin_wall_moved_through_the_body_is_not_unfelt() {
     // Rings with walls of 0.3 to 0.7 mm, moved from above the block to below it at several places.
+    let model = linear(&block(), 0.05);
     for wall in [0.3, 0.5, 0.7] {
         let outer = 2.5 * wall * MM;
         let ring = Shape::Annulus { outer, inner: outer - wall * MM, half_height: 0.5 * outer };
         for i in 0..12 {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.1 * f64::from(i % 3), 0.0);
-            let at = |z: f64| {
-                let place = Vector3::new((0.17 * f64::from(i) - 1.0) * MM, 0.31 * MM, z);
-                vec![Isometry3::from_parts(place.into(), turn)]
+            let force = |z: f64| {
+                let at = |z: f64| {
+                    let place = Vector3::new((0.17 * f64::from(i) - 1.0) * MM, 0.31 * MM, z);
+                    vec![Isometry3::from_parts(place.into(), turn)]
+                };
+                let press = along(ring.clone(), vec![at(2.0 * outer), at(z)]);
+                model.solve_path(&press).pop().unwrap().map(|frame| frame.wrench.force.norm())
             };
-            let press = along(ring.clone(), vec![at(2.0 * outer), at(-5.0 * MM - 2.0 * outer)]);
-            let end = linear(&block(), 0.05).solve_path(&press).pop().unwrap();
-            let unfelt = end.as_ref().is_ok_and(|frame| frame.wrench.force.norm() < 1e-6);
+            let felt = force(0.5 * outer - 0.2 * MM).unwrap();
+            assert!(felt > 0.1, "{felt} N of a ring of {wall} mm at place {i}, 0.2 mm deep");
+            let unfelt = force(-5.0 * MM - 2.0 * outer).is_ok_and(|force| force < 1e-6);
             assert!(!unfelt, "a ring of {wall} mm at place {i} went through without a force");
         }
     }

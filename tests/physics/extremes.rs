@@ -253,14 +253,20 @@ fn what_would_pierce_the_skin_is_refused() {
         (capsule, [0.0, 0.0, 0.6], UnitQuaternion::identity()),
         (lens, [-2.292, -3.339, -0.121], tilt),
     ] {
-        for steps in [1, 9] {
+        // Lowered from 1.5 mm above that place to `end` (mm) above it.
+        let force = |end: f64, steps: i32| {
             let at = |i: i32| {
-                let up = 1.5 * (1.0 - f64::from(i) / f64::from(steps));
+                let up = 1.5 + (end - 1.5) * f64::from(i) / f64::from(steps);
                 vec![Isometry3::from_parts((Vector3::new(x, y, z + up) * MM).into(), turn)]
             };
             let press = Press::along(vec![shape.clone()], (0..=steps).map(at).collect()).unwrap();
-            let error = pad.solve_path(&press).pop().unwrap().map(|frame| frame.wrench.force);
+            pad.solve_path(&press).pop().unwrap().map(|frame| frame.wrench.force)
+        };
+        for steps in [1, 9] {
+            let error = force(0.0, steps);
             assert!(error.is_err(), "{shape:?} in {steps} steps: {error:?} N");
+            let above = force(0.3, steps).unwrap();
+            assert!(above.z < -1e-3, "{shape:?} in {steps} steps: {above:?} N before it pierces");
         }
     }
 }
@@ -276,12 +282,15 @@ fn a_tip_is_felt_on_faces_eight_millimetres_wide() {
         );
         let fem = layered(wide, |_| GEL, FemOptions { element, ..rough(0.02) });
         for i in 0..6 {
-            let at = |z: f64| {
-                vec![Isometry3::translation(0.37 * MM * f64::from(i), -0.23 * MM * f64::from(i), z)]
+            let [x, y] = [0.37, -0.23].map(|way| way * f64::from(i));
+            let force = |z: f64| {
+                let at = |z: f64| vec![Isometry3::translation(x * MM, y * MM, z * MM)];
+                let press = Press::along(tip.clone(), vec![at(0.6), at(z)]).unwrap();
+                fem.solve_path(&press).pop().unwrap().map(|frame| pressing(&frame))
             };
-            let press = Press::along(tip.clone(), vec![at(0.6 * MM), at(-5.3 * MM)]).unwrap();
-            let end = fem.solve_path(&press).pop().unwrap();
-            let unfelt = end.as_ref().is_ok_and(|frame| pressing(frame) < 1e-6);
+            let felt = force(0.3).unwrap();
+            assert!(felt > 0.2, "{element}: {felt} N at place {i}, 0.2 mm deep");
+            let unfelt = force(-5.3).is_ok_and(|force| force < 1e-6);
             assert!(!unfelt, "{element}: went through at place {i} without a force");
         }
     }
@@ -532,11 +541,16 @@ fn a_ball_in_a_wall_by_most_of_its_width_is_not_let_go_on_the_other_side() {
     let stiff = |_| Moduli { young: 8.25e8, poisson: 0.492 };
     let fem = layered(wall, stiff, rough(0.0585));
     let at = |z: f64| vec![Isometry3::translation(-0.157 * MM, -1.63 * MM, z)];
-    let ball = vec![Shape::Sphere { radius: 1.48 * MM }];
-    let press = Press::along(ball, vec![at(1.54 * MM), at(-6.26 * MM)]).unwrap();
-    let end = fem.solve_path(&press).pop().unwrap();
-    let unfelt = end.as_ref().is_ok_and(|frame| pressing(frame).abs() < 1e-6);
-    assert!(!unfelt, "upright again, {:?}", end.map(|frame| frame.wrench));
+    let force = |z: f64| {
+        let ball = vec![Shape::Sphere { radius: 1.48 * MM }];
+        let press = Press::along(ball, vec![at(1.54 * MM), at(z)]).unwrap();
+        fem.solve_path(&press).pop().unwrap().map(|frame| pressing(&frame))
+    };
+    let on_edge = force(1.3 * MM).unwrap();
+    assert!(on_edge > 10.0, "{on_edge} N on the edge");
+    let end = force(-6.26 * MM);
+    let unfelt = end.as_ref().is_ok_and(|force| force.abs() < 1e-6);
+    assert!(!unfelt, "upright again, {end:?} N");
 }
 
 #[test]
@@ -545,6 +559,10 @@ fn nothing_goes_through_what_holds_the_body() {
     // points and a tip that inverted a linear film), and a ball that started in the base. All ended
     // below the body without a force.
     let below = |fem: &Fem, shape: Shape, begin: Isometry3<f64>, way: f64| {
+        // A ball 0.02 mm deep is answered.
+        let place = vec![Isometry3::translation(0.0, 0.0, 1.98 * MM)];
+        let felt = last(fem, vec![Shape::Sphere { radius: 2.0 * MM }], vec![place]);
+        assert!(pressing(&felt) > 1e-5, "{} N", pressing(&felt));
         let end = Translation3::new(0.0, 0.0, -way) * begin;
         let press = Press::along(vec![shape], vec![vec![begin], vec![end]]).unwrap();
         let end = fem.solve_path(&press).pop().unwrap();

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use ruffini_core::{
     deformation::{Law, Moduli, Press, SoftBody, Wrench},
-    env::{Autoreset, Batch, Setup},
+    env::{Autoreset, Batch, Row, Setup},
     fem::{Fem, FemOptions},
     geometry::{PadOutline, Shape, Surface},
     scene::{
@@ -198,6 +198,7 @@ fn what_stands_on_the_table_does_not_wear_the_hold() {
             hold(&mut scene, grip, 0.4);
             let taken = scene.state();
             for finger in &taken.fingers {
+                assert!(finger.touches());
                 let sideways = finger.wrench.force.xy().norm();
                 assert!(sideways < 0.02 * mass * 9.81, "{sideways} N sideways at {rate}/s");
             }
@@ -295,14 +296,22 @@ fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
     first.reset(None).unwrap();
     let mut second = batch();
     let mut random = ChaCha8Rng::seed_from_u64(7);
+    let (mut met, mut met_again) = ([false; 12], [false; 12]);
     for step in 0..300 {
         if step == 150 {
             second.load(&first.save()).unwrap();
         }
-        // Biased downwards and towards closing, so that the fingers meet the object.
-        let bias = [0.0, 0.0, -0.2, 0.0, 0.3];
-        let actions: Vec<f32> =
-            (0..60).map(|i| random.random_range(-1.0..1.0) + bias[i % 5]).collect();
+        // At random, and with open fingers towards the object, to close on it.
+        let mean = |row: &Row| {
+            let (state, _) = row.state().expect("the row was reset");
+            let way = state.object_in_wrist().translation.vector;
+            let grip = if way.norm() < 0.01 { 0.5 } else { -0.5 };
+            let toward = |x: f64| (30.0 * x).clamp(-1.0, 1.0);
+            [toward(way.x), toward(way.y), toward(way.z), 0.0, grip]
+        };
+        let means: Vec<f64> = first.rows().iter().flat_map(mean).collect();
+        let mut drawn = |mean: f64| (mean + random.random_range(-0.5..0.5)) as f32;
+        let actions: Vec<f32> = means.into_iter().map(&mut drawn).collect();
         let result = first.step(&actions).unwrap();
         for outcome in &result.outcomes {
             let sound = outcome.ending.is_none_or(|ending| ending == Ending::ObjectLost);
@@ -311,7 +320,16 @@ fn random_actions_on_every_object_stay_finite_and_replay_from_a_snapshot() {
         if step >= 150 {
             assert_eq!(second.step(&actions).unwrap().observation, result.observation);
         }
+        let met = if step < 150 { &mut met } else { &mut met_again };
+        for (met, row) in met.iter_mut().zip(first.rows()) {
+            let touches =
+                |(state, _): (SceneState, _)| state.fingers.iter().any(FingerState::touches);
+            *met |= row.state().is_some_and(touches);
+        }
     }
+    let count = |met: [bool; 12]| met.into_iter().filter(|met| *met).count();
+    let rows = [count(met), count(met_again)];
+    assert!(rows.iter().all(|rows| *rows >= 10), "fingers touched in {rows:?} of 12 rows");
 }
 
 #[test]
@@ -348,13 +366,15 @@ fn extremes_are_held_or_dropped_and_stay_finite() {
             trials.push((format!("{step} s, {mass} kg"), trial));
         }
     }
-    let mut wrong = Vec::new();
+    let (mut holds, mut drops, mut wrong) = (0, 0, Vec::new());
     for (name, trial) in &trials {
         for (shape, model) in &models {
             let o = run(model, trial).unwrap();
             let friction = 2.0 * trial.friction * trial.grip;
             let must_hold = friction > 1.5 * 16.0 * trial.mass;
             let must_drop = friction < 0.8 * 9.81 * trial.mass;
+            holds += usize::from(must_hold);
+            drops += usize::from(must_drop);
             let held = o.lifted > 0.95 * HEIGHT && o.hold_slip < 0.5e-3 && o.shake_slip < 3e-3;
             let right =
                 !o.failed && (!must_hold || held) && (!must_drop || o.lifted < 0.5 * HEIGHT);
@@ -364,6 +384,7 @@ fn extremes_are_held_or_dropped_and_stay_finite() {
             }
         }
     }
+    assert_eq!((holds, drops), (38, 2));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 

@@ -278,7 +278,7 @@ fn extremes_stay_finite_and_right() {
         let trial = GraspCase { mass, grip: 5.0, ..base.clone() };
         cases.push((format!("1 mm plate of {mass} kg"), &plate, trial));
     }
-    let mut wrong = Vec::new();
+    let (mut holds, mut drops, mut refused, mut wrong) = (0, 0, 0, Vec::new());
     for (name, model, trial) in &cases {
         // Rapier's forces are accurate up to a ratio of grip force to mass of 20 000 m/s².
         let o = match run(model, trial) {
@@ -286,12 +286,15 @@ fn extremes_stay_finite_and_right() {
             Err(error) => {
                 assert!(trial.grip / trial.mass > 2e4, "{name}: {error}");
                 assert!(error.to_string().starts_with("object mass"), "{name}: {error}");
+                refused += 1;
                 continue;
             }
         };
         let friction = 2.0 * trial.friction * trial.grip;
         let must_hold = friction > 1.5 * 16.0 * trial.mass;
         let must_drop = friction < 0.8 * 9.81 * trial.mass;
+        holds += usize::from(must_hold);
+        drops += usize::from(must_drop);
         let force = (o.normal_force / trial.grip - 1.0).abs();
         let held =
             o.lifted > 0.95 * HEIGHT && force < 0.02 && o.hold_slip < 0.5e-3 && o.shake_slip < 3e-3;
@@ -301,6 +304,7 @@ fn extremes_stay_finite_and_right() {
             wrong.push(format!("{name}: {o:?}"));
         }
     }
+    assert_eq!((holds, drops, refused), (18, 7, 4));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 

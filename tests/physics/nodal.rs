@@ -128,10 +128,13 @@ fn a_force_is_met() {
 #[test]
 fn without_a_touch_nothing_moves() {
     let model = nodal(FRICTION);
-    let press = press(0.012, vec![ball(0.012, 0.0, 1.0), ball(0.012, 0.0, 0.01)]);
-    let answer = model.solve_path(&press).pop().unwrap().unwrap();
-    assert!(answer.displacement.iter().all(|u| *u == Vector3::zeros()));
-    assert!(answer.contact_force.iter().all(|f| *f == Vector3::zeros()));
+    let path = [1.0, 0.01, -0.3].map(|z| ball(0.012, 0.0, z)).to_vec();
+    let frames: Vec<_> =
+        model.solve_path(&press(0.012, path)).into_iter().map(Result::unwrap).collect();
+    let (above, touching) = (&frames[1], &frames[2]);
+    assert!(above.displacement.iter().all(|u| *u == Vector3::zeros()));
+    assert!(above.contact_force.iter().all(|f| *f == Vector3::zeros()));
+    assert!(touching.wrench.force.z < -0.1, "{} N on the way on", touching.wrench.force);
 }
 
 #[test]
@@ -155,17 +158,28 @@ fn a_thin_shape_moved_through_the_pad_is_not_unfelt() {
         let outer = 2.5 * wall * MM;
         Shape::Annulus { outer, inner: outer - wall * MM, half_height: 0.5 * outer }
     };
-    let shapes = [ring(0.1), ring(0.5), ring(0.7), Shape::Sphere { radius: 0.5 * MM }];
-    for shape in shapes {
+    let force = |shape: &Shape, i: i32, z: f64| {
+        let way = 0.17 * f64::from(i);
+        let at = |z: f64| vec![Isometry3::translation((way - 1.0) * MM, 0.31 * MM, z * MM)];
+        let press = Press::along(vec![shape.clone()], vec![at(2.0), at(z)]).unwrap();
+        model.settle(&press).map(|found| found.wrench.force.norm())
+    };
+    let tip = Shape::Sphere { radius: 0.5 * MM };
+    for shape in [ring(0.1), ring(0.5), ring(0.7), tip.clone()] {
         for i in 0..12 {
-            let way = 0.17 * f64::from(i);
-            let at = |z: f64| vec![Isometry3::translation((way - 1.0) * MM, 0.31 * MM, z * MM)];
-            let press = Press::along(vec![shape.clone()], vec![at(2.0), at(-8.0)]).unwrap();
-            let end = model.settle(&press);
-            let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() < 1e-6);
+            let unfelt = force(&shape, i, -8.0).is_ok_and(|force| force < 1e-6);
             assert!(!unfelt, "{shape:?} at place {i} went through without a force");
         }
     }
+    // A model that refuses all would pass so far. At these places a wide ball is answered, and the
+    // tip where a node is near.
+    let wide = Shape::Sphere { radius: 4.0 * MM };
+    for i in 0..12 {
+        let force = force(&wide, i, 3.7).unwrap();
+        assert!(force > 0.1, "{force} N of a wide ball at place {i}");
+    }
+    let answered = (0..12).filter(|&i| force(&tip, i, 0.2).is_ok_and(|force| force > 0.01)).count();
+    assert!(answered >= 3, "of a tip 0.3 mm deep at 12 places, {answered} are answered");
 }
 
 /// A block of 8 x 8 x 4 mm, a cell high and two wide.
@@ -201,13 +215,19 @@ fn a_shape_that_drags_nodes_along_stops_at_what_holds_the_body() {
 fn a_tip_is_not_moved_past_a_wide_face_in_one_load_step() {
     // With two cells of 4 mm, a tip between the nodes is at least 1.5 mm away from all of them.
     let model = coarse_block(GEL, 0.1);
-    for x in [-2.0, 1.3, 2.1] {
-        let at = |z: f64| vec![Isometry3::translation(x * MM, 1.8 * MM, z * MM)];
+    let force = |x: f64, y: f64, z: f64| {
+        let at = |z: f64| vec![Isometry3::translation(x * MM, y * MM, z * MM)];
         let tip = vec![Shape::Sphere { radius: 0.5 * MM }];
-        let end = model.settle(&Press::along(tip, vec![at(0.6), at(-5.3)]).unwrap());
-        let unfelt = end.as_ref().is_ok_and(|found| found.wrench.force.norm() < 1e-6);
+        let end = model.settle(&Press::along(tip, vec![at(0.6), at(z)]).unwrap());
+        end.map(|found| found.wrench.force.norm())
+    };
+    for x in [-2.0, 1.3, 2.1] {
+        let unfelt = force(x, 1.8, -5.3).is_ok_and(|force| force < 1e-6);
         assert!(!unfelt, "at x = {x} mm it went through without a force");
     }
+    // On the node in the middle it is answered.
+    let on_node = force(0.0, 0.0, 0.3).unwrap();
+    assert!(on_node > 0.1, "{on_node} N on a node");
 }
 
 #[test]

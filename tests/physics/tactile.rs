@@ -536,6 +536,7 @@ fn a_finger_saved_as_bytes_goes_on_bit_for_bit() {
         let felt = episode(&tip, &model, finger);
         felt.into_iter().flatten().map(|felt| felt.displacement).collect::<Vec<_>>()
     });
+    assert_eq!(one.len(), 4, "touches of the episode");
     assert_eq!(one, two);
 }
 

@@ -185,8 +185,8 @@ fn settings(body: &SoftBody, options: ComplianceOptions) -> Result<Settings> {
             format!("0 to {MOST_CORRECTIONS}"),
         ));
     }
-    let FemOptions { softness, tolerance, .. } = FemOptions::default();
-    let law = ContactLaw::new(softness, options.friction)?;
-    let tolerance = tolerance * (body.stiffest() / 1e6).max(1.0);
+    let of_elements = FemOptions::default();
+    let law = ContactLaw::new(of_elements.softness, options.friction)?;
+    let tolerance = of_elements.tolerance_for(body);
     Ok(Settings { law, corrections: options.corrections, tolerance })
 }

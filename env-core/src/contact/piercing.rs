@@ -18,7 +18,7 @@ use crate::{
 
 /// Part of a shape's depth, and depth (m), that may be left under the deformed skin.
 const LEFT: [f64; 2] = [0.9, 5e-4];
-/// The same for a shape that begins in the body, and so comes from above, but pushes more aside
+/// [`LEFT`] for a shape that begins in the body, and so comes from above, but pushes more aside
 /// than down. Random presses that were wrong in this way left 0.59 of their depth and 0.1 mm, or
 /// more.
 const LEFT_ASIDE: [f64; 2] = [0.5, 5e-5];

@@ -33,6 +33,10 @@ pub enum Autoreset {
     Disabled,
 }
 
+/// Most rows and most threads of a batch.
+const MOST_ROWS: usize = 1_000_000;
+const MOST_THREADS: usize = 1024;
+
 /// Von Mises stress of the darkest colour in a picture, relative to Young's modulus, if the episode
 /// has no stress limit: that of a small ball pressed with about 8 N.
 const DARKEST: f64 = 0.3;
@@ -92,11 +96,12 @@ impl Batch {
         threads: usize,
         autoreset: Autoreset,
     ) -> Result<Self> {
-        if !(1..=1_000_000).contains(&rows) {
-            return Err(Error::invalid("num_envs", rows, "1 to 1000000"));
-        }
-        if !(1..=1024).contains(&threads) {
-            return Err(Error::invalid("num_threads", threads, "1 to 1024"));
+        for (name, found, most) in
+            [("num_envs", rows, MOST_ROWS), ("num_threads", threads, MOST_THREADS)]
+        {
+            if !(1..=most).contains(&found) {
+                return Err(Error::invalid(name, found, format!("1 to {most}")));
+            }
         }
         let observation = vec![0.0; rows * setup.layout().size()];
         let rows = (0..rows as u64).map(Row::new).collect();
@@ -448,9 +453,9 @@ impl Batch {
 /// Action of a row in the first phase of a step.
 #[derive(Clone, Copy)]
 enum Begun {
-    /// It started a new episode.
+    /// Starts a new episode.
     Reset,
-    /// It moved its rigid bodies.
+    /// Moves its rigid bodies.
     Step,
 }
 

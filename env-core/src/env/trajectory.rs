@@ -10,9 +10,10 @@ pub(super) type PosesInPads = [Vec<Isometry3<f64>>; 2];
 /// between poses further apart could pass through the gel where the object moves around it. The
 /// pose at the end of the step is always kept.
 pub(super) const COARSE: f64 = 1e-3;
-/// The same spacing (m) while the hand closes on the object before an episode starts; friction
-/// depends on this whole trajectory. Compared with keeping all poses, the markers differ by 0.3 %
-/// in the median of 32 starts of HoldStill and by at most 1.4 %; with 0.1 mm, by 5 % and 49 %.
+/// Motion after which another pose is kept while the hand closes on the object before an episode
+/// starts (m); friction depends on this whole trajectory. Compared with keeping all poses, the
+/// markers differ by 0.3 % in the median of 32 starts of HoldStill and by at most 1.4 %; with 0.1
+/// mm, by 5 % and 49 %.
 pub(super) const FINE: f64 = 1e-5;
 /// Lever arm that converts a rotation to a motion (m): the edge of a pad is 13 mm from its centre.
 const ARM: f64 = 0.013;

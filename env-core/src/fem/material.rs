@@ -82,7 +82,7 @@ impl Material {
     }
 
     /// Stress of distortion, ∂w/∂F (Pa).
-    pub(super) fn distortion_stress(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
+    fn distortion_stress(&self, f: &Matrix3<f64>) -> Matrix3<f64> {
         match self.law {
             Law::NeoHookean => self.mu * (f - cofactor(f) / f.determinant()),
             Law::StableNeoHookean => self.mu * (f + (f.determinant() - 2.0) * cofactor(f)),

@@ -107,6 +107,13 @@ impl Default for FemOptions {
     }
 }
 
+impl FemOptions {
+    /// Norm of the residual force at which a frame of `body` has converged (N).
+    pub(crate) fn tolerance_for(&self, body: &SoftBody) -> f64 {
+        self.tolerance * (body.stiffest() / 1e6).max(1.0)
+    }
+}
+
 /// The finite-element model of one soft body.
 #[derive(Clone)]
 pub struct Fem {
@@ -128,7 +135,7 @@ impl Fem {
         if system.surface.is_empty() {
             return Err(held_all_round(&body));
         }
-        let tolerance = options.tolerance * (body.stiffest() / 1e6).max(1.0);
+        let tolerance = options.tolerance_for(&body);
         let FemOptions { iterations, patience, .. } = options;
         let limits = newton::StoppingCriteria { tolerance, iterations, patience, plain: false };
         Ok(Self { body, system, limits })

@@ -13,9 +13,10 @@ pub struct Footprint {
     places: Vec<Point3<f64>>,
 }
 
-/// Distance between the places at which a face is searched for shapes (m), coarse.
+/// Distance between the places at which a face is searched first, for whether shapes are near (m).
 pub(crate) const COARSE: f64 = 4e-4;
-/// The same, fine; side of the squares of a footprint.
+/// Distance between the places that are searched near shapes, and side of the squares of a
+/// footprint (m).
 const FINE: f64 = 1e-4;
 
 impl Footprint {

@@ -45,7 +45,7 @@ pub(super) const NODES: std::ops::RangeInclusive<usize> = 100..=200_000;
 
 impl Grading {
     /// Spacing `spacing` (m) in the middle half of the face and the upper quarter of the gel.
-    pub fn central(outline: &PadOutline, spacing: f64) -> Self {
+    fn central(outline: &PadOutline, spacing: f64) -> Self {
         let PadOutline { width, length, thickness, .. } = *outline;
         let half = 0.25 * width.min(length);
         Self { spacing, zone: [half, half, 0.25 * thickness], growth: 0.3 }

@@ -465,12 +465,12 @@ impl Shape {
     }
 
     /// (radius, z) points of a cone's side and base, solid on the left.
-    pub(super) fn cone_profile(radius: f64, half_height: f64) -> [[f64; 2]; 3] {
+    fn cone_profile(radius: f64, half_height: f64) -> [[f64; 2]; 3] {
         [[0.0, -half_height], [radius, -half_height], [0.0, half_height]]
     }
 
     /// (radius, z) points of a cup, solid on the left.
-    pub(super) fn cup_profile(bottom: f64, rim: f64, half_height: f64, wall: f64) -> [[f64; 2]; 6] {
+    fn cup_profile(bottom: f64, rim: f64, half_height: f64, wall: f64) -> [[f64; 2]; 6] {
         let h = half_height;
         [
             [0.0, -h],

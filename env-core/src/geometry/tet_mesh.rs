@@ -170,7 +170,7 @@ impl TetMesh {
     }
 
     /// Angles between the faces of tetrahedron `t` (rad), one for every edge.
-    pub fn dihedrals(&self, t: usize) -> [f64; 6] {
+    fn dihedrals(&self, t: usize) -> [f64; 6] {
         let p = self.corners(t);
         let normals = FACES.map(|f| (p[f[1]] - p[f[0]]).cross(&(p[f[2]] - p[f[0]])).normalize());
         // The two faces at an edge are those opposite to the corners of the opposite edge.
@@ -181,7 +181,7 @@ impl TetMesh {
     }
 
     /// 3 · inscribed radius / circumscribed radius of tetrahedron `t`.
-    pub fn radius_ratio(&self, t: usize) -> f64 {
+    fn radius_ratio(&self, t: usize) -> f64 {
         let p = self.corners(t);
         let area = |f: [usize; 3]| 0.5 * (p[f[1]] - p[f[0]]).cross(&(p[f[2]] - p[f[0]])).norm();
         let six_volumes = 6.0 * self.tet_volume(t);

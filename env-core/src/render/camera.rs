@@ -109,7 +109,7 @@ impl PinholeCamera {
 
     /// Returns this camera raised so that it does not look up to a point at `height` (m).
     #[must_use]
-    pub fn raised_to(&self, height: f64) -> Self {
+    fn raised_to(&self, height: f64) -> Self {
         let by = Vector3::z() * (height - self.target.z).max(0.0);
         Self { eye: self.eye + by, target: self.target + by, ..*self }
     }

@@ -268,7 +268,7 @@ impl ImageResponse {
 }
 
 impl Default for ElasticFoundation {
-    /// That of the `GelSight` Mini with its first calibration.
+    /// Foundation of the `GelSight` Mini with its first calibration.
     fn default() -> Self {
         Self { normal: 1.667, coupling: 1.036, shear: 1.237, spread: 0.689 }
     }

@@ -187,7 +187,7 @@ pub(super) const OF_LAYER: usize = 3 + 2 + DIRECTIONS;
 /// Number of outputs of a column for its contact force: an addition, factors by which it grows
 /// along the face and across it, and corrections along the object's normal in units of the
 /// strongest force and of its own.
-pub(super) const OF_FORCE: usize = 3 + 2 + 2;
+const OF_FORCE: usize = 3 + 2 + 2;
 /// Number of outputs of a column.
 pub(super) const OUTPUTS: usize = LAYERS * OF_LAYER + OF_FORCE;
 

@@ -31,9 +31,9 @@ const TRUSTED: f64 = 1.5;
 pub struct ErrorModel {
     /// Mean and standard deviation of each quantity.
     scales: [[f64; 2]; TERMS],
-    /// Those of the network's errors.
+    /// Coefficients of the network's errors.
     coefficients: Coefficients,
-    /// Those of the linear solution's errors; without them corrections are never reduced.
+    /// Coefficients of the linear solution's errors; without them corrections are never reduced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     linear: Option<Coefficients>,
     /// Number of presses that it was fitted to.
@@ -51,9 +51,9 @@ pub(super) type Terms = [f64; TERMS];
 /// of displacement, stress and force.
 pub(super) struct JudgedAnswer {
     pub(super) terms: Terms,
-    /// Those of the network.
+    /// Errors of the network.
     pub(super) network: [f64; PARTS],
-    /// Those of the linear solution.
+    /// Errors of the linear solution.
     pub(super) linear: [f64; PARTS],
 }
 

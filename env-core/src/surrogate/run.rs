@@ -46,34 +46,11 @@ pub fn train(
         same_pads(&dataset, lower).map_err(|reason| Error::file(path, reason))?;
     }
     let gels = Gels::new(dataset.config(), training.linear_nodes)?;
-    let shards = dataset.shards() + lower.as_ref().map_or(0, Dataset::shards);
-    let (mut parts, mut fingerprints) = ([const { Vec::new() }; 3], Vec::new());
-    let (mut lost, mut read, mut go_on, mut low) = (0, 0, true, [0; 2]);
-    for (dataset, is_lower) in lower.iter().map(|d| (d, true)).chain([(&dataset, false)]) {
-        let split = dataset.split(&training.split)?.clone();
-        let names = [&split.train[..], &split.validation, &split.test];
-        let (found, missing) = gels.samples(dataset, names, &mut |done, _| {
-            go_on = watch(&TrainingProgress::Shard { done: read + done, all: shards });
-            go_on
-        })?;
-        if !go_on {
-            return Ok(None);
-        }
-        trainable(&training.split, &found[0])?;
-        if is_lower {
-            low = counts(found[0].iter().map(|s| &s.grasp));
-        }
-        for (part, found) in parts.iter_mut().zip(found) {
-            part.extend(found.into_iter().map(|s| if is_lower { s.of_low_fidelity() } else { s }));
-        }
-        (lost, read) = (lost + missing, read + dataset.shards());
-        fingerprints.push(fingerprint(dataset, &split));
-    }
-    let [samples, validation, test] = parts;
-    let fingerprint = match &fingerprints[..] {
-        [one] => one.clone(),
-        all => sha256(all.join(" ")),
+    let Some(read) = TrainingSamples::read(&gels, &dataset, lower.as_ref(), training, watch)?
+    else {
+        return Ok(None);
     };
+    let TrainingSamples { samples, validation, test, lost, low_fidelity, fingerprint } = read;
     let pace = Pace::new(Budget::Epochs(training.epochs), &|| 0.0);
     let mut run = TrainingRun::<Corrector>::resumed(
         training.clone(),
@@ -100,7 +77,7 @@ pub fn train(
         training: training.clone(),
         data: Data {
             train: counts(samples.iter().map(|s| &s.grasp)),
-            low_fidelity: low,
+            low_fidelity,
             test: counts(test.iter().map(|s| &s.grasp)),
             amplitude: amplitudes.fold(0.0, f64::max),
             ..Data::of(config, fingerprint, trained_by)
@@ -112,6 +89,62 @@ pub fn train(
     };
     run.finish(&vectors, &card)?;
     Ok(Some(card))
+}
+
+/// Samples of a training run, those of a less accurate dataset first.
+struct TrainingSamples {
+    samples: Vec<Sample>,
+    validation: Vec<Sample>,
+    test: Vec<Sample>,
+    /// Number of frames left out because the linear model failed to solve them.
+    lost: usize,
+    /// Numbers of grasps and frames of the less accurate dataset to train on.
+    low_fidelity: [usize; 2],
+    /// Hash of the data and their split.
+    fingerprint: String,
+}
+
+impl TrainingSamples {
+    /// Reads the parts of the split of `dataset`, and of the less accurate `lower`; `None` if
+    /// `watch` stops it. Returns an error if one of them has no frames to train on.
+    fn read(
+        gels: &Gels,
+        dataset: &Dataset,
+        lower: Option<&Dataset>,
+        training: &Training,
+        watch: Watch,
+    ) -> Result<Option<Self>> {
+        let shards = dataset.shards() + lower.map_or(0, Dataset::shards);
+        let (mut parts, mut fingerprints) = ([const { Vec::new() }; 3], Vec::new());
+        let (mut lost, mut read, mut go_on, mut low_fidelity) = (0, 0, true, [0; 2]);
+        for (dataset, is_lower) in lower.map(|d| (d, true)).into_iter().chain([(dataset, false)]) {
+            let split = dataset.split(&training.split)?.clone();
+            let names = [&split.train[..], &split.validation, &split.test];
+            let (found, missing) = gels.samples(dataset, names, &mut |done, _| {
+                go_on = watch(&TrainingProgress::Shard { done: read + done, all: shards });
+                go_on
+            })?;
+            if !go_on {
+                return Ok(None);
+            }
+            trainable(&training.split, &found[0])?;
+            if is_lower {
+                low_fidelity = counts(found[0].iter().map(|s| &s.grasp));
+            }
+            for (part, found) in parts.iter_mut().zip(found) {
+                let sample = |s: Sample| if is_lower { s.of_low_fidelity() } else { s };
+                part.extend(found.into_iter().map(sample));
+            }
+            (lost, read) = (lost + missing, read + dataset.shards());
+            fingerprints.push(fingerprint(dataset, &split));
+        }
+        let [samples, validation, test] = parts;
+        let fingerprint = match &fingerprints[..] {
+            [one] => one.clone(),
+            all => sha256(all.join(" ")),
+        };
+        Ok(Some(Self { samples, validation, test, lost, low_fidelity, fingerprint }))
+    }
 }
 
 /// Returns why the presses of `lower` cannot be learnt from together with those of `dataset`.

@@ -66,7 +66,7 @@ pub struct Data {
     pub trained_by: String,
     /// Numbers of grasps and of frames of their pads in the training part.
     pub train: [usize; 2],
-    /// Those among them that were solved less accurately than the others.
+    /// Numbers of grasps and frames, among these, that were solved less accurately than the others.
     #[serde(default, skip_serializing_if = "is_none")]
     pub low_fidelity: [usize; 2],
     /// Numbers of grasps and of frames of their pads in the test part.

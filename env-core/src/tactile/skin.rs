@@ -85,8 +85,8 @@ pub struct Skin {
 }
 
 impl Skin {
-    /// Prepares the surface of a pad, `body`, with the markers and the camera of `sensor`; returns an
-    /// error if that is of another pad, or if markers, cells or pixels lie beyond the face.
+    /// Prepares the surface of a pad, `body`, with the markers and the camera of `sensor`; returns
+    /// an error if that is of another pad, or if markers, cells or pixels lie beyond the face.
     pub fn new(body: &SoftBody, sensor: &Sensor, resolution: &Resolution) -> Result<Self> {
         let mesh = body.mesh();
         let triangles = sensor.outline.face_of(mesh);
@@ -102,19 +102,7 @@ impl Skin {
         let fixed = body.fixed();
         let free = reach.iter().map(|&(node, _)| node).filter(|n| fixed.binary_search(n).is_err());
         let free = free.collect();
-        let find = |name: &str, [x, y]: [f64; 2]| {
-            under(&mesh.vertices, &triangles, x, y).ok_or_else(|| {
-                let found = format!("({x:.4}, {y:.4}) m");
-                let expected = match name {
-                    "markers" => {
-                        "places on the face: a smaller pitch, fewer across or along, or no \
-                         [markers] in its file"
-                    }
-                    _ => "places on the face",
-                };
-                Error::invalid(format!("{name} of {}", sensor.name), found, expected)
-            })
-        };
+        let find = |name: &str, place| face_point(sensor, (mesh, &triangles), name, place);
         let view = view(sensor);
         let camera = PlanGrid::filling(view, resolution.depth);
         let printed = sensor.markers.as_ref().map_or(view, |markers| {
@@ -215,6 +203,27 @@ impl Skin {
                 .iter()
                 .any(|&(node, reach)| distance(&self.face.places[node as usize]) <= reach)
     }
+}
+
+/// Point of the face, `triangles` of `mesh`, at (x, y) in plan (m). Returns an error if there is
+/// none; it names the part of the sensor, `name`, that needs the point.
+fn face_point(
+    sensor: &Sensor,
+    (mesh, triangles): (&TetMesh, &[[u32; 3]]),
+    name: &str,
+    [x, y]: [f64; 2],
+) -> Result<FacePoint> {
+    under(&mesh.vertices, triangles, x, y).ok_or_else(|| {
+        let found = format!("({x:.4}, {y:.4}) m");
+        let expected = match name {
+            "markers" => {
+                "places on the face: a smaller pitch, fewer across or along, or no [markers] in \
+                 its file"
+            }
+            _ => "places on the face",
+        };
+        Error::invalid(format!("{name} of {}", sensor.name), found, expected)
+    })
 }
 
 /// Extent of the camera's view on the face (m).

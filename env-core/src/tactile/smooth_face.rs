@@ -42,9 +42,9 @@ pub(super) struct SmoothFace {
 /// Corner of fine triangles.
 #[derive(Debug)]
 struct FineNode {
-    /// Place on a triangle of the face.
+    /// Triangle of the face that it is on, with its place there.
     at: FacePoint,
-    /// The same at rest (m).
+    /// Position at rest (m).
     place: Point3<f64>,
     /// Height of the outline over it at rest (m).
     rise: f64,

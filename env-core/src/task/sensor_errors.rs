@@ -55,7 +55,7 @@ impl Default for SensorError {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum ErrorRange {
-    /// The same for all entries of a channel.
+    /// One range for all entries of a channel.
     All(Range),
     /// By the name of the quantity; those without a name here have no such error.
     ByQuantity(BTreeMap<String, Range>),

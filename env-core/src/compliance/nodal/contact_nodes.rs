@@ -28,7 +28,7 @@ use crate::{
 pub(super) struct ContactNodes {
     pub(super) condensed: Arc<Condensed>,
     pub(super) compliance: NodeCompliance,
-    /// Displacement of each node under unit forces on itself (M) in m/N; empty for a grid.
+    /// Displacement of each node under unit forces on itself (M) in m/N; empty if it is computed.
     own: Vec<Matrix3<f64>>,
     pub(super) places: Vec<Point3<f64>>,
     /// Outward unit normals at rest (M), zero where there is none.
@@ -45,10 +45,11 @@ pub(super) struct ContactNodes {
 
 /// Displacement of contact nodes under unit forces on each other (m/N).
 pub(super) enum NodeCompliance {
-    /// Of all nodes under unit forces on each (3M, 3M), and the grid, if its cells are the nodes.
-    Matrix(Responses, Option<CellGrid>),
-    /// Between the cells of a grid, which are the nodes.
-    Grid(CellGrid),
+    /// Kept in memory: of all nodes under unit forces on each (3M, 3M), with the grid, if its cells
+    /// are the nodes.
+    Stored(Responses, Option<CellGrid>),
+    /// Computed where it is needed: between the cells of a grid, which are the nodes.
+    Computed(CellGrid),
 }
 
 /// Skin nodes of a body, by rank, with weights that sum to 1.
@@ -113,12 +114,13 @@ impl ContactNodes {
         let faces =
             widest(faces.into_iter().map(|face| ContactTriangle::new(face, &places)).collect());
         let own = own(&compliance);
-        let compliance = NodeCompliance::Matrix(compliance, None);
+        let compliance = NodeCompliance::Stored(compliance, None);
         Self { condensed, compliance, own, places, normals, loads, points, groups, faces }
     }
 
     /// Takes the cells of a `grid` on the face of a pad as contact nodes. Only those of the first
-    /// grid are grouped and have a matrix, and no faces are watched for shapes between them.
+    /// grid are grouped and their compliance is stored; no faces are watched for shapes between
+    /// them.
     pub(super) fn of_grid(condensed: Arc<Condensed>, grid: CellGrid, is_first: bool) -> Self {
         let young = condensed.body.moduli().iter().map(|moduli| moduli.young).fold(0.0, f64::max);
         let point = SurfacePoint { shares: vec![(0, 1.0)], area: grid.area(), young };
@@ -136,9 +138,9 @@ impl ContactNodes {
         let compliance = if is_first {
             let responses = grid.responses();
             own = self::own(&responses);
-            NodeCompliance::Matrix(responses, Some(grid))
+            NodeCompliance::Stored(responses, Some(grid))
         } else {
-            NodeCompliance::Grid(grid)
+            NodeCompliance::Computed(grid)
         };
         let (loads, faces, normals) = (Vec::new(), Vec::new(), Vec::new());
         Self { condensed, compliance, own, places, normals, loads, points, groups: grouped, faces }
@@ -166,7 +168,7 @@ impl ContactNodes {
         self.grid().map_or_else(|| self.normals[rank as usize], |grid| grid.normal(rank))
     }
 
-    /// Displacement of a node under unit forces on itself, if there is a matrix (m/N).
+    /// Displacement of a node under unit forces on itself, if it is stored (m/N).
     pub(super) fn own(&self, rank: u32) -> Matrix3<f64> {
         self.own[rank as usize]
     }
@@ -189,15 +191,15 @@ impl ContactNodes {
     /// The grid, if its cells are the nodes.
     pub(super) fn grid(&self) -> Option<&CellGrid> {
         match &self.compliance {
-            NodeCompliance::Matrix(_, grid) => grid.as_ref(),
-            NodeCompliance::Grid(grid) => Some(grid),
+            NodeCompliance::Stored(_, grid) => grid.as_ref(),
+            NodeCompliance::Computed(grid) => Some(grid),
         }
     }
 
     /// Displacement of every contact node (M) in m under `forces` (N) on some of them.
     pub(super) fn displacement(&self, forces: &[(u32, Vector3<f64>)]) -> Vec<Vector3<f64>> {
         match &self.compliance {
-            NodeCompliance::Matrix(compliance, _) => {
+            NodeCompliance::Stored(compliance, _) => {
                 let mut sum = vec![0.0; compliance.len()];
                 for (rank, force) in forces {
                     compliance.add(*rank, force, &mut sum);
@@ -205,7 +207,7 @@ impl ContactNodes {
                 let sum = sum[..compliance.width()].as_chunks::<3>().0;
                 sum.iter().map(|&u| Vector3::from(u).cast()).collect()
             }
-            NodeCompliance::Grid(grid) => {
+            NodeCompliance::Computed(grid) => {
                 let field = grid.field(forces);
                 (0..grid.len() as u32).map(field).collect()
             }
@@ -253,11 +255,7 @@ pub(super) fn tents(
 
 /// Displacement interpolated at each of `sights` under unit forces on each of `loads` (3M, 3M) in
 /// m/N.
-pub(super) fn condensed_between(
-    condensed: &Condensed,
-    loads: &[Shares],
-    sights: &[Shares],
-) -> Responses {
+fn condensed_between(condensed: &Condensed, loads: &[Shares], sights: &[Shares]) -> Responses {
     let size = 3 * condensed.skin.len();
     let mut compliance = Responses::new(3 * sights.len());
     let mut row = vec![0.0; size];

@@ -187,7 +187,7 @@ impl CellGrid {
         self.tilt_at(&self.place(rank))
     }
 
-    /// The same under a point of the face.
+    /// Rotation from the frame of the layer under a point of the face to that of the pad.
     pub(super) fn tilt_at(&self, point: &Point3<f64>) -> Matrix3<f64> {
         self.cells.first.outline.tilt(point.x, point.y)
     }

@@ -56,7 +56,7 @@ struct Column {
     nodes: Vec<u32>,
     /// Places of the corners in plan and in depth below the face (m).
     places: Vec<[f32; 3]>,
-    /// The same with the depths at which the elastic layer is displaced as they are.
+    /// These places, with the depths at which the elastic layer is displaced as the mesh is.
     in_layer: Points,
     tets: Vec<ColumnTet>,
     /// Centres of the tetrahedra.

@@ -123,77 +123,23 @@ impl<'a> Patch<'a> {
         held: &[Held],
         scratch: &'a mut NodalScratch,
     ) -> Option<Self> {
-        let NodalScratch { displacement, spots } = scratch;
-        let forces = forces(held);
-        let mut ranks: Vec<u32> = match &nodes.compliance {
-            NodeCompliance::Matrix(..) => {
-                let near = nodes.groups.iter().filter(|group| is_near(motion, group, room));
-                near.flat_map(|group| group.numbers.iter().copied()).collect()
-            }
-            NodeCompliance::Grid(grid) => {
-                grid.near((motion.shapes, motion.to), &forces, [room, reach], most)?
-            }
-        };
-        ranks.extend(held.iter().map(|held| held.rank));
-        ranks.sort_unstable();
-        ranks.dedup();
-        let moved: Vec<Vector3<f64>> = match &nodes.compliance {
-            NodeCompliance::Matrix(compliance, _) => {
-                let runs = runs(ranks.iter().copied());
-                displacement.resize(compliance.len(), 0.0);
-                for &[first, last] in &runs {
-                    displacement[first..last].fill(0.0);
-                }
-                for held in held {
-                    compliance.add_to(held.rank, &held.force, &runs, displacement);
-                }
-                ranks.iter().map(|&rank| displaced(displacement, rank)).collect()
-            }
-            NodeCompliance::Grid(grid) => {
-                spots.renew(grid, ranks.iter().copied(), displacement);
-                for Held { rank, force, .. } in held {
-                    let spot = ranks.binary_search(rank).expect("held cells are among all");
-                    spots.add_response(grid, spot, force, displacement);
-                    spots.update_passive(grid, spot, force, displacement);
-                }
-                (0..ranks.len()).map(|spot| spots.moved(spot, displacement)).collect()
-            }
-        };
-        let mut held = held.iter().peekable();
-        let member = |((spot, &rank), moved): ((u32, &u32), &Vector3<f64>)| {
-            let known = held.next_if(|held| held.rank == rank);
-            let rest = nodes.place(rank);
-            let start = rest + moved;
-            let distance = match known {
-                Some(_) => 0.0,
-                None => gap(motion.shapes, motion.to, &start),
-            };
-            (distance < reach).then(|| Member {
-                rank,
-                spot,
-                rest,
-                force: known.map(|held| held.force).unwrap_or_default(),
-                start,
-                stuck: known.map(|held| (held.shape, held.stuck)),
-                seen: (start, distance),
-                target: None,
-            })
-        };
-        let mut members = Vec::with_capacity(ranks.len());
-        members.extend((0..).zip(&ranks).zip(&moved).filter_map(member));
-        let is_grid = matches!(nodes.compliance, NodeCompliance::Grid(_));
-        if is_grid && members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
+        let ranks = candidates(nodes, motion, [room, reach], most, held)?;
+        let moved = moved_by(nodes, &ranks, held, scratch);
+        let members = within_reach(nodes, motion, reach, (&ranks, &moved), held);
+        let is_computed = matches!(nodes.compliance, NodeCompliance::Computed(_));
+        if is_computed && members.iter().filter(|member| member.seen.1 <= 0.0).count() > most {
             return None;
         }
-        // On a grid, they are those of the touching cells.
-        let ranks = if is_grid { &[] } else { &members[..] }.iter().map(|member| member.rank);
-        let runs = self::runs(ranks);
+        // Of a computed compliance, the runs are those of the touching cells.
+        let stored = if is_computed { &[] } else { &members[..] };
+        let runs = runs(stored.iter().map(|member| member.rank));
+        let NodalScratch { displacement, spots } = scratch;
         Some(Self { nodes, law, motion, members, runs, displacement, spots })
     }
 
     /// Brings the displacement of all members up to date.
     pub(super) fn catch_up(&mut self) {
-        if let NodeCompliance::Grid(grid) = &self.nodes.compliance {
+        if let NodeCompliance::Computed(grid) = &self.nodes.compliance {
             for member in self.members.iter().filter(|member| member.stuck.is_some()) {
                 self.spots.update_passive(
                     grid,
@@ -225,7 +171,7 @@ impl<'a> Patch<'a> {
                 self.target(i, shape, &distance, &place)
             });
         }
-        if matches!(self.nodes.compliance, NodeCompliance::Grid(_)) {
+        if matches!(self.nodes.compliance, NodeCompliance::Computed(_)) {
             let touching = self.members.iter().filter(|member| member.target.is_some());
             self.runs = self.spots.activate(touching.map(|member| member.spot));
         }
@@ -257,8 +203,8 @@ impl<'a> Patch<'a> {
         let aim = stuck - normal * normal.dot(&(stuck - surface));
         let give = give(self.law, self.nodes.point(member.rank), &normal);
         let own = match &self.nodes.compliance {
-            NodeCompliance::Grid(grid) => self.spots.own_compliance(grid, member.spot as usize),
-            NodeCompliance::Matrix(..) => self.nodes.own(member.rank),
+            NodeCompliance::Computed(grid) => self.spots.own_compliance(grid, member.spot as usize),
+            NodeCompliance::Stored(..) => self.nodes.own(member.rank),
         };
         let compliance = own + give;
         let stiffness = compliance.try_inverse().unwrap_or_else(Matrix3::zeros);
@@ -298,10 +244,10 @@ impl<'a> Patch<'a> {
     fn add_response(&mut self, i: usize, force: &Vector3<f64>) {
         let Member { rank, spot, .. } = self.members[i];
         match &self.nodes.compliance {
-            NodeCompliance::Matrix(compliance, _) => {
+            NodeCompliance::Stored(compliance, _) => {
                 compliance.add_to(rank, force, &self.runs, self.displacement);
             }
-            NodeCompliance::Grid(grid) => {
+            NodeCompliance::Computed(grid) => {
                 self.spots.add_response(grid, spot as usize, force, self.displacement);
             }
         }
@@ -310,8 +256,10 @@ impl<'a> Patch<'a> {
     /// Displacement of a member (m).
     fn moved(&self, member: &Member) -> Vector3<f64> {
         match &self.nodes.compliance {
-            NodeCompliance::Matrix(..) => displaced(self.displacement, member.rank),
-            NodeCompliance::Grid(_) => self.spots.moved(member.spot as usize, self.displacement),
+            NodeCompliance::Stored(..) => displaced(self.displacement, member.rank),
+            NodeCompliance::Computed(_) => {
+                self.spots.moved(member.spot as usize, self.displacement)
+            }
         }
     }
 
@@ -403,6 +351,96 @@ impl<'a> Patch<'a> {
         };
         touching.map(held).collect()
     }
+}
+
+/// Ranks, ascending, of the nodes that may be within reach of a shape at the end of the step, and
+/// of those that are `held`; see [`Patch::new`].
+fn candidates(
+    nodes: &ContactNodes,
+    motion: Move,
+    [room, reach]: [f64; 2],
+    most: usize,
+    held: &[Held],
+) -> Option<Vec<u32>> {
+    let mut ranks: Vec<u32> = match &nodes.compliance {
+        NodeCompliance::Stored(..) => {
+            let near = nodes.groups.iter().filter(|group| is_near(motion, group, room));
+            near.flat_map(|group| group.numbers.iter().copied()).collect()
+        }
+        NodeCompliance::Computed(grid) => {
+            grid.near((motion.shapes, motion.to), &forces(held), [room, reach], most)?
+        }
+    };
+    ranks.extend(held.iter().map(|held| held.rank));
+    ranks.sort_unstable();
+    ranks.dedup();
+    Some(ranks)
+}
+
+/// Displacement of the nodes of these `ranks` under the forces on those that are `held` (m). The
+/// working memory is left with it.
+fn moved_by(
+    nodes: &ContactNodes,
+    ranks: &[u32],
+    held: &[Held],
+    NodalScratch { displacement, spots }: &mut NodalScratch,
+) -> Vec<Vector3<f64>> {
+    match &nodes.compliance {
+        NodeCompliance::Stored(compliance, _) => {
+            let runs = runs(ranks.iter().copied());
+            displacement.resize(compliance.len(), 0.0);
+            for &[first, last] in &runs {
+                displacement[first..last].fill(0.0);
+            }
+            for held in held {
+                compliance.add_to(held.rank, &held.force, &runs, displacement);
+            }
+            ranks.iter().map(|&rank| displaced(displacement, rank)).collect()
+        }
+        NodeCompliance::Computed(grid) => {
+            spots.renew(grid, ranks.iter().copied(), displacement);
+            for Held { rank, force, .. } in held {
+                let spot = ranks.binary_search(rank).expect("held cells are among all");
+                spots.add_response(grid, spot, force, displacement);
+                spots.update_passive(grid, spot, force, displacement);
+            }
+            (0..ranks.len()).map(|spot| spots.moved(spot, displacement)).collect()
+        }
+    }
+}
+
+/// Nodes of these `ranks`, already `moved` (m) at the beginning of the step, that are `held` or
+/// within `reach` (m) of a shape at its end.
+fn within_reach(
+    nodes: &ContactNodes,
+    motion: Move,
+    reach: f64,
+    (ranks, moved): (&[u32], &[Vector3<f64>]),
+    held: &[Held],
+) -> Vec<Member> {
+    let mut held = held.iter().peekable();
+    let member = |((spot, &rank), moved): ((u32, &u32), &Vector3<f64>)| {
+        let known = held.next_if(|held| held.rank == rank);
+        let rest = nodes.place(rank);
+        let start = rest + moved;
+        let distance = match known {
+            Some(_) => 0.0,
+            None => gap(motion.shapes, motion.to, &start),
+        };
+        (distance < reach).then(|| Member {
+            rank,
+            spot,
+            rest,
+            force: known.map(|held| held.force).unwrap_or_default(),
+            start,
+            stuck: known.map(|held| (held.shape, held.stuck)),
+            seen: (start, distance),
+            target: None,
+        })
+    };
+    let mut members = Vec::with_capacity(ranks.len());
+    members.extend((0..).zip(ranks).zip(moved).filter_map(member));
+    members
 }
 
 impl NodeTarget {

@@ -55,7 +55,7 @@ pub(super) struct Foundations {
     /// Data derived from settings and object, not part of a saved scene.
     #[serde(skip)]
     surroundings: Option<Surroundings>,
-    /// Memory of the last step, for use in the next.
+    /// Working memory, kept from step to step to save allocations.
     #[serde(skip)]
     touches: Vec<BristleContact>,
     #[serde(skip)]
@@ -280,14 +280,38 @@ impl Foundations {
     ) -> Applied {
         let poses = hand.fingers.map(|finger| finger.pad_pose(world));
         let base = Twist::of(&step.wrist, step.time);
+        for &handle in solids {
+            let solid = &mut world.bodies[handle];
+            solid.reset_forces(false);
+            solid.reset_torques(false);
+        }
+        let (touched, mut contacts) = self.touched_bodies(world, solids, &poses, &base);
+        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
+        let mut loads = std::mem::take(&mut bodies.loads);
+        add_corrections(&mut loads, &bodies, &touched);
+        bodies.loads = loads;
+        let (mut forces, fixture) = bodies.balance(&mut contacts, stops, self.friction);
+        self.fixture = fixture;
+        add_corrections(&mut forces, &bodies, &touched);
+        let applied = Applied { contacts, touched, bodies, poses, base };
+        applied.exert(world, hand, step, &forces);
+        applied
+    }
+
+    /// Bodies that the pads may touch in a step, the object first, and the bristles inside them.
+    fn touched_bodies(
+        &mut self,
+        world: &PhysicsWorld,
+        solids: &[RigidBodyHandle],
+        poses: &[Isometry3<f64>; 2],
+        base: &Twist,
+    ) -> (Vec<TouchedBody>, Vec<LoadedBristle>) {
         let mut touched: Vec<TouchedBody> = Vec::new();
         let mut touches = std::mem::take(&mut self.touches);
         let mut contacts = std::mem::take(&mut self.contacts);
         contacts.clear();
         for (number, &handle) in solids.iter().enumerate() {
-            let solid = &mut world.bodies[handle];
-            solid.reset_forces(false);
-            solid.reset_torques(false);
+            let solid = &world.bodies[handle];
             let pose = units::si_pose(solid.position());
             let seen = poses.map(|pad| pad.inv_mul(&pose));
             let center = units::si_vector(solid.center_of_mass());
@@ -300,8 +324,9 @@ impl Foundations {
                 }
                 contacts.extend(touches.iter().map(|touch| {
                     let place = (pose * Point3::from(touch.place())).coords;
-                    let (arm, gain, rest) = (place - center, pad.correction.gain, base.at(&place));
-                    LoadedBristle::new(finger, body, *touch, gain, turn, arm, rest)
+                    let (gain, arm, velocity) =
+                        (pad.correction.gain, place - center, base.at(&place));
+                    LoadedBristle::new(finger, body, *touch, gain, turn, arm, velocity)
                 }));
             }
             if number == 0 || contacts.len() > before {
@@ -309,33 +334,7 @@ impl Foundations {
             }
         }
         self.touches = touches;
-        let mut bodies = bodies(world, hand, &touched, gripper, step, &base);
-        let add_extra = |forces: &mut [f64], bodies: &Bodies| {
-            for finger in 0..2 {
-                for (body, of) in touched.iter().enumerate() {
-                    bodies.add(forces, body, finger, &of.extra[finger]);
-                }
-            }
-        };
-        let mut loads = std::mem::take(&mut bodies.loads);
-        add_extra(&mut loads, &bodies);
-        bodies.loads = loads;
-        let (mut forces, fixture) = bodies.balance(&mut contacts, stops, self.friction);
-        self.fixture = fixture;
-        add_extra(&mut forces, &bodies);
-        for (body, of) in touched.iter().enumerate() {
-            let external = if of.number == 0 { step.force } else { Vector3::zeros() };
-            let other = external - Vector3::z() * (bodies.inertias[body].mass * step.gravity);
-            let is_touched = contacts.iter().any(|contact| contact.body == body);
-            let only_pads = is_touched && !step.is_supported[of.number];
-            let sudden = only_pads.then_some((other, step.time));
-            push(world, of.handle, &wrench_of(&forces, body), sudden);
-        }
-        for (finger, force) in hand.fingers.iter().zip(&forces[6 * touched.len()..]) {
-            let force = units::vector(&(bodies.axis * *force));
-            world.bodies[finger.body].add_force(force, false);
-        }
-        Applied { contacts, touched, bodies, poses, base }
+        (touched, contacts)
     }
 
     /// Updates wrenches and anchors from the motion of bodies and fingers in the step.
@@ -379,6 +378,31 @@ impl Foundations {
             if !touching {
                 pad.correction = Correction::default();
             }
+        }
+    }
+}
+
+impl Applied {
+    /// Applies the `forces` on the unknowns, from [`Bodies::balance`], to Rapier's bodies and
+    /// slides.
+    fn exert(
+        &self,
+        world: &mut PhysicsWorld,
+        hand: &HandBodies,
+        step: &FoundationStep,
+        forces: &[f64],
+    ) {
+        for (body, of) in self.touched.iter().enumerate() {
+            let external = if of.number == 0 { step.force } else { Vector3::zeros() };
+            let other = external - Vector3::z() * (self.bodies.inertias[body].mass * step.gravity);
+            let is_touched = self.contacts.iter().any(|contact| contact.body == body);
+            let only_pads = is_touched && !step.is_supported[of.number];
+            let sudden = only_pads.then_some((other, step.time));
+            push(world, of.handle, &wrench_of(forces, body), sudden);
+        }
+        for (finger, force) in hand.fingers.iter().zip(&forces[6 * self.touched.len()..]) {
+            let force = units::vector(&(self.bodies.axis * *force));
+            world.bodies[finger.body].add_force(force, false);
         }
     }
 }
@@ -500,6 +524,15 @@ fn bodies(
     }
 }
 
+/// Adds the correction wrenches of the fingers to the `forces` on the unknowns.
+fn add_corrections(forces: &mut [f64], bodies: &Bodies, touched: &[TouchedBody]) {
+    for finger in 0..2 {
+        for (body, of) in touched.iter().enumerate() {
+            bodies.add(forces, body, finger, &of.extra[finger]);
+        }
+    }
+}
+
 /// Inertia of a body about its centre of mass along the world's axes (kg m²).
 fn inertia(properties: &rapier3d::prelude::RigidBodyMassProps) -> Matrix3<f64> {
     let inverse = properties.effective_world_inv_inertia;
@@ -517,7 +550,8 @@ fn on_object(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wr
     Wrench { force, torque: turn(&wrench.torque) + arm.cross(&force) }
 }
 
-/// Computes the inverse of [`on_object`].
+/// Converts a wrench on the object, in world axes about its centre of mass, to the opposite wrench
+/// on a pad, in its frame about its origin: the inverse of [`on_object`].
 fn on_pad(wrench: &Wrench, pad: &Isometry3<f64>, center: &Vector3<f64>) -> Wrench {
     let turn = |v: Vector3<f64>| -pad.rotation.inverse_transform_vector(&v);
     let arm = pad.translation.vector - center;

@@ -80,7 +80,7 @@ impl Default for PaperConfig {
 
 impl PaperConfig {
     /// Most rounds of message passing.
-    pub(super) const MOST_ROUNDS: usize = 64;
+    const MOST_ROUNDS: usize = 64;
 
     /// Returns this configuration, or an error if a size is out of range.
     pub(super) fn validated(self) -> Result<Self> {
