@@ -169,8 +169,9 @@ gel is pushed aside under them. *Slip* at depths of {depths} mm.
 
 {lower}
 
-The network corrects displacement, stress and force, and not `slip`, which is that of the linear
-solution: under deep balls linear elasticity pushes the gel aside too far.
+Linear elasticity pushes the gel aside too far under deep balls, and cells seem to slide that stick.
+Where the network's forces have less friction than those of its linear solution, such cells are
+counted as sticking, unless the contact slides or turns as a whole.
 
 ## Held against a load that goes to and fro
 
