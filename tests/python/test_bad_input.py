@@ -396,6 +396,9 @@ def test_unknown_options_of_a_reset_are_refused_with_the_nearest_word():
         env.reset(options={"sed": 3})
     with pytest.raises(ValueError, match="expected none; it is a setting of the environment"):
         env.reset(options={"friction": 0.3})
+    for name in ("mass", "x", "object"):
+        with pytest.raises(ValueError, match=r"a start is chosen by the method `draw` of a ruff"):
+            env.reset(options={name: 0})
     with pytest.raises(ValueError, match="did you mean 'reset_mask', an option"):
         envs.reset(options={"reset_msk": np.ones(2, bool)})
 

@@ -570,3 +570,59 @@ def test_what_is_no_task_is_refused():
         env.state()
     with pytest.raises(ValueError, match="state: Lift keeps numbers of its own"):
         env.set_state(b"")
+
+
+class Level(ruffini.custom.Task):
+    base, terms = "GraspLift", {"lift": 1.0}
+    level = 0.0
+
+    def reward(self, state):
+        return {"lift": state.base_terms["lift"]}
+
+    def draw(self, random):
+        return {"mass": 0.05 + 0.1 * self.level}
+
+
+def test_attributes_of_a_task_are_reached_and_set_by_every_way():
+    env = CustomEnv(Level, tactile="none")
+    wrapped = gym.wrappers.TimeLimit(env, 9)
+    envs = CustomVectorEnv(Level, num_envs=2, tactile="none")
+    ways = [
+        (env, lambda value: setattr(env, "level", value)),
+        (env, lambda value: setattr(env.task, "level", value)),
+        (env, lambda value: wrapped.set_wrapper_attr("level", value)),
+        (envs, lambda value: envs.set_attr("level", value)),
+        (envs, lambda value: setattr(envs.task, "level", value)),
+    ]
+    for each, change in ways:
+        for value in (0.5, 1.0):
+            change(value)
+            each.reset(seed=0)
+            assert each.look()["mass"] == pytest.approx(0.05 + 0.1 * value)
+            assert each.level == each.task.level == value
+    assert envs.get_attr("level") == (1.0, 1.0)
+    assert pickle.loads(pickle.dumps(env)).level == 1.0
+    assert not hasattr(env, "reward") and not hasattr(env, "levle") and Level.level == 0.0
+
+
+def test_attributes_that_would_change_nothing_are_refused():
+    env, envs = CustomEnv(Level, tactile="none"), CustomVectorEnv(Level, 2, tactile="none")
+    wrapped = gym.wrappers.TimeLimit(env, 9)
+    for change in (wrapped.set_wrapper_attr, envs.set_attr):
+        with pytest.raises(ValueError, match=r"levle: found no such attribute, did you mean 'lev"):
+            change("levle", 1.0)
+    built_in = gym.make("ruffini/GraspLift-v0", tactile="none")
+    for each in (wrapped, built_in):
+        with pytest.raises(ValueError, match="mass: found a change of a setting, expected a new"):
+            each.set_wrapper_attr("mass", 0.1)
+        with pytest.raises(ValueError, match="mass: found a change of a setting, expected a new"):
+            each.unwrapped.mass = 0.1
+
+
+def test_an_object_that_is_drawn_by_name_is_refused_with_what_is_meant():
+    class Cup(Level):
+        def draw(self, random):
+            return {"object": "cup"}
+
+    with pytest.raises(ValueError, match=r"draw object: found 'cup', expected places in the set"):
+        CustomEnv(Cup, tactile="none").reset(seed=0)

@@ -107,11 +107,23 @@ def test_an_evaluation_is_that_of_its_episodes_one_by_one():
     assert told["endings"] == {"dropped": len(dropped)}
     of = {name: [s for s, n in zip(success, names, strict=True) if n == name] for name in names}
     assert told["by_object"] == {name: [sum(of[name]), len(of[name])] for name in sorted(of)}
+    outcomes = told["outcomes"]
+    assert [each["seed"] for each in outcomes] == list(SEEDS)
+    assert [each["success"] for each in outcomes] == list(success)
+    assert [each["ending"] for each in outcomes] == list(endings)
+    assert [each["object"] for each in outcomes] == list(names)
+    assert [each["return"] for each in outcomes] == pytest.approx(returns)
+    limit = SHAKEN["max_episode_steps"]
+    assert all((each["length"] < limit) == bool(each["ending"]) for each in outcomes)
     # Rows that dropped begin anew by themselves; elsewhere the policy's state goes on.
     first, *others = policy.starts
     assert first.all() and any(start.any() for start in others)
     assert not any(start[::3].any() for start in others)
     assert policy.steps[-1][0] == len(policy.steps)
+
+
+def test_a_built_in_task_may_be_given_by_its_name():
+    assert evaluate(Still(), "GraspLift", 1, **SHORT) == evaluate(Still(), LIFT, 1, **SHORT)
 
 
 def test_a_function_of_observations_is_a_policy():

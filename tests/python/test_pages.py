@@ -35,7 +35,7 @@ from ruffini.commands import dataset, network
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "py/docs"
 BLOCK = re.compile(r"^```(python|bash)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-OPTIONAL = re.compile(r"^(?:from|import) (ray|torchrl)\b", re.MULTILINE)
+OPTIONAL = re.compile(r"^(?:from|import) (ray|torchrl|minari)\b", re.MULTILINE)
 """Packages that are not in the extra `dev`: blocks that need them run where they are installed."""
 SHORTER = {
     "ruffini play": "--episodes 1 --video-episodes 1",

@@ -435,10 +435,11 @@ def test_a_scripted_policy_names_the_channels_that_it_reads(env_id):
     expected = f"expected the channels {', '.join(reads)} of N environments"
     lost = {name: values for name, values in observation.items() if name != reads[-1]}
     first = {name: values[0] for name, values in observation.items()}
+    mixed = first | {reads[0]: observation[reads[0]][None]}
     flat_ones = np.concatenate(list(observation.values()), axis=1)
     for wrong, found in (
         (lost, f"found no {reads[-1]} among {', '.join(lost)}"),
-        (first, f"found {reads[0]} of shape ({len(first[reads[0]])},)"),
+        (mixed, f"found {reads[0]} of shape {mixed[reads[0]].shape}"),
         (flat_ones, f"found an array of shape {flat_ones.shape}"),
     ):
         with pytest.raises(ValueError, match=re.escape(f"observation: {found}, {expected}")):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ruffini._core import Batch, Press
 from ruffini._rows import expect_row
-from ruffini._schema import ENDINGS, TASKS, specification
+from ruffini._schema import ENDINGS, SETTINGS, TASKS, specification
 from ruffini._settings import to_json
 from ruffini._spaces import NO_LIMIT, ClosedBatch, Renderer, Spaces, check_count, is_whole
 from ruffini._trained_gels import warn_of
@@ -56,6 +56,11 @@ class Channels(list[tuple[str, list[tuple[str, list[float], list[float], str]]]]
         return "\n".join("  ".join(line).rstrip() for line in cells)
 
 
+def _change(setting: str) -> ValueError:
+    expected = f"a new environment that is made with {setting}=..."
+    return ValueError(f"{setting}: found a change of a setting, expected {expected}")
+
+
 class Native:
     """A native batch of environments of one task, made of settings."""
 
@@ -89,6 +94,17 @@ class Native:
     def _about(cls, task: str) -> str:
         """Docstring of the environment of a task, without its arguments."""
         return specification(TASKS[task])
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute; refuse a setting, which is read once."""
+        if name in SETTINGS:
+            raise _change(name)
+        super().__setattr__(name, value)
+
+    def _check_attribute(self, name: str) -> None:
+        """Raise a ``ValueError`` if setting an attribute from outside would change nothing."""
+        if name in SETTINGS or (name in self._ARGUMENTS and not hasattr(self, name)):
+            raise _change(name)
 
     def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
         """Create the batch; the number of rows, threads and the autoreset mode are set before."""

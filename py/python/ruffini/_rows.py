@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ruffini._schema import SETTINGS
 from ruffini._spaces import Camera, check_options, is_whole
 
 if TYPE_CHECKING:
@@ -72,11 +71,10 @@ def set_attribute(envs: NativeVectorEnv, rows: Sequence[int], name: str, value: 
     """Set an attribute, which all rows share.
 
     Raises:
-        ValueError: If `rows` are not all rows, or it is a setting, which is read once.
+        ValueError: If `rows` are not all rows, it is a setting, which is read once, or a task of
+            one's own has no such attribute.
     """
-    if name in SETTINGS or (name in envs._ARGUMENTS and not hasattr(envs, name)):
-        expected = f"a new environment that is made with {name}=..."
-        raise ValueError(f"{name}: found a change of a setting, expected {expected}")
+    envs._check_attribute(name)
     _expect_all(envs, rows, name)
     setattr(envs, _SINGLE.get(name, name), value)
 

@@ -45,6 +45,14 @@ _OWN = (each["name"] for task in TASKS.values() for each in task["settings"])
 SETTINGS: list[str] = list(dict.fromkeys([*SHARED, *_OWN]))
 """Names of the settings of all tasks."""
 
+DRAWS: list[str] = list(dict.fromkeys(name for task in TASKS.values() for name in task["draws"]))
+"""Names of the quantities of the start that a task of one's own may draw."""
+
+
+def full_id(env_id: Any) -> Any:
+    """Id of an environment that may be given by the name of a built-in task, ``GraspLift``."""
+    return f"ruffini/{env_id}-v0" if isinstance(env_id, str) and env_id in TASKS else env_id
+
 
 def control_period(settings: Mapping[str, Any] | None = None) -> float:
     """Time of a step (s) of an environment with these settings, or with none."""

@@ -72,6 +72,15 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         self.observation_space: gym.spaces.Space[Any] = self._spaces.observation
         self.action_space = self._spaces.action
 
+    def set_wrapper_attr(self, name: str, value: Any, *, force: bool = True) -> bool:
+        """Set an attribute, also for wrappers; refuse a setting, which is read once.
+
+        Raises:
+            ValueError: If it is a setting: another value takes a new environment.
+        """
+        self._check_attribute(name)
+        return bool(super().set_wrapper_attr(name, value, force=force))
+
     def _leave_time_limit(self) -> None:
         """Leave the time limit to the wrapper of ``gymnasium.make``, the only place that has it."""
         name = "max_episode_steps"

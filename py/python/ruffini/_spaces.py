@@ -17,7 +17,7 @@ from gymnasium.spaces import Box, Dict
 from numpy.typing import NDArray
 
 from ruffini._core import CAMERAS, Batch
-from ruffini._schema import SETTINGS, control_period
+from ruffini._schema import DRAWS, SETTINGS, control_period
 from ruffini._words import nearest
 
 Observation = NDArray[np.float32] | dict[str, NDArray[np.float32]]
@@ -224,6 +224,9 @@ def check_options(options: Any, known: Sequence[str] = ()) -> None:
             near = difflib.get_close_matches(str(name), [*known, *SETTINGS, "seed"], 1)
             hint = f"; did you mean {near[0]!r}, {_place(near[0], known)}?" if near else ""
             hint = f"; it is {_place(name, known)}" if name in near else hint
+            if name in DRAWS:
+                place = hint if name in near else ""
+                hint = f"{place}; a start is chosen by the method `draw` of a ruffini.custom.Task"
             expected = f"one of {', '.join(known)}" if known else "none"
             raise ValueError(f"options: found {name!r}, expected {expected}{hint}")
 

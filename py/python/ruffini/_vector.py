@@ -313,7 +313,8 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
 
         Raises:
             ValueError: If `values` is a list or tuple of other than one equal value for each row,
-                or it is a setting: another value takes a new environment.
+                it is a setting: another value takes a new environment, or a task of one's own has
+                no such attribute.
         """
         if isinstance(values, (list, tuple)):
             first = values[:1]

@@ -20,6 +20,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
 from ruffini._core import __version__
+from ruffini._schema import full_id
 from ruffini._spaces import check_count
 from ruffini.policies import ScriptedPolicy
 
@@ -96,11 +97,15 @@ def evaluate(
 ) -> dict[str, Any]:
     """Success rate, its interval, return, successes by object, and reasons of early endings.
 
+    ``outcomes`` of the result has one record per episode, in the order of the seeds, so that
+    policies can be compared seed by seed: ``seed``, ``success``, ``return``, ``length`` (steps),
+    ``ending`` (``None`` if it ran out of time) and ``object``.
+
     Args:
         policy: Policy, or a function of the observations of N environments that returns their
             actions (N, 5). Observations of a model of Stable-Baselines3 are normalised by its
             ``VecNormalize``, if it has one.
-        env_id: Id of the environment.
+        env_id: Id of the environment, or the name of a built-in task, ``GraspLift``.
         episodes: Number of episodes, one per seed.
         first_seed: Seed of the first episode.
         progress: Callback after every step; see `ProgressCallback`.
@@ -113,6 +118,7 @@ def evaluate(
             ``VecNormalize`` that it has no more.
     """
     check_count("episodes", episodes)
+    env_id = full_id(env_id)
     for name, instead in _INSTEAD.items():
         if name in settings:
             raise TypeError(f"got an unexpected keyword argument {name!r}, expected {instead}")
@@ -125,16 +131,18 @@ def evaluate(
     observation, _ = envs.reset(seed=first_seed)
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
+    lengths, ending = np.zeros(episodes, int), np.full(episodes, None, object)
     ended, state, steps = np.zeros(episodes, bool), None, 0
     first = np.ones(episodes, bool)
-    endings: Counter[str] = Counter()
     while not ended.all():
         action, state = acting.predict(observation, state, episode_start=first, deterministic=True)
         observation, reward, terminated, truncated, info = envs.step(action)
         returns += np.where(ended, 0.0, reward)
+        lengths += ~ended
         over = (terminated | truncated) & ~ended
         success[over] = info["is_success"][over]
-        endings.update(info["ending"][terminated & over] if "ending" in info else ())
+        if "ending" in info:
+            ending[terminated & over] = info["ending"][terminated & over]
         ended |= over
         first = terminated
         steps += 1
@@ -157,7 +165,18 @@ def evaluate(
         "interval": [round(low, 4), round(high, 4)],
         "return": round(float(returns.mean()), 3),
         "by_object": by_object,
-        "endings": dict(sorted(endings.items())),
+        "endings": dict(sorted(Counter(name for name in ending if name).items())),
+        "outcomes": [
+            {
+                "seed": int(first_seed) + row,
+                "success": bool(success[row]),
+                "return": float(returns[row]),
+                "length": int(lengths[row]),
+                "ending": ending[row],
+                "object": objects[row],
+            }
+            for row in range(episodes)
+        ],
     }
 
 

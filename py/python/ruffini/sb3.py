@@ -195,8 +195,8 @@ class RuffiniVecEnv(VecEnv):
         """Set an attribute of the batch, which all rows share.
 
         Raises:
-            ValueError: If only some rows are requested, or it is a setting: another value takes a
-                new environment.
+            ValueError: If only some rows are requested, it is a setting: another value takes a
+                new environment, or a task of one's own has no such attribute.
         """
         _rows.set_attribute(self.envs, self._chosen(indices), attr_name, value)
 

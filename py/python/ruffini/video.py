@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ruffini import SimulationError
 from ruffini._core import encode_gif
+from ruffini._schema import full_id
 from ruffini._spaces import RenderFrame, check_writable
 from ruffini._words import counted
 from ruffini.evaluation import Policy, as_policy
@@ -124,7 +125,7 @@ def film(
 
     Args:
         policy: As for `ruffini.evaluation.evaluate`.
-        env_id: Id of the environment.
+        env_id: Id of the environment, or the name of a built-in task.
         path: A .gif or .mp4 file.
         seeds: Seeds of the episodes.
         **settings: As for ``gymnasium.make``.
@@ -138,6 +139,7 @@ def film(
     path, seeds = check(path), list(seeds)
     if not seeds:
         raise ValueError("seeds: found none, expected at least one")
+    env_id = full_id(env_id)
     size = dict(zip(("width", "height"), SIZES[path.suffix.lower()], strict=True))
     env = gym.make(env_id, render_mode="rgb_array", **size | settings)
     acting = as_policy(policy, env.observation_space)

@@ -95,7 +95,8 @@ class Card(TypedDict):
     evaluation: dict[str, Any]
     """``success``, its 95 % ``interval``, ``return``, over ``episodes`` seeds from ``first_seed``.
 
-    Result of :func:`ruffini.evaluation.evaluate` for the agent; empty if it was not evaluated.
+    Result of :func:`ruffini.evaluation.evaluate` for the agent, without its single episodes; empty
+    if it was not evaluated.
     """
     network: Network
     normaliser: Normaliser
@@ -171,7 +172,8 @@ class Agent:
             progress: Callback after every step; see `ProgressCallback`.
         """
         result = evaluate(self, self.env_id, episodes, progress=progress, **self.settings)
-        self.card["evaluation"] = {k: value for k, value in result.items() if k != "env"}
+        left = ("env", "outcomes")
+        self.card["evaluation"] = {k: value for k, value in result.items() if k not in left}
 
     @property
     def env_id(self) -> str:

@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
 from ruffini._native import Channels, Native, StepArrays
-from ruffini._schema import ENDINGS, RULES, TASKS
+from ruffini._schema import ENDINGS, RULES, SETTINGS, TASKS
 from ruffini._spaces import ACTION_SIZE, Renderer, Spaces
 from ruffini._words import nearest
 from ruffini.custom._checks import check, names, numbers
@@ -24,6 +24,8 @@ _ROUNDING = 1e-5
 class Custom(Native):
     """Native batch whose reward, endings and success a :class:`Task` computes."""
 
+    _is_made = False
+    """Whether attributes may be those of the task: the constructor sets the environment's."""
     _task: Task
     _fresh: Bools
     """Rows that native restarts in the next step."""
@@ -40,6 +42,46 @@ class Custom(Native):
         # Native is given the name of the base; the attribute of the class is its own.
         self.TASK = task.base  # type: ignore[misc]
         super().__init__(*args, **{**task.settings, **settings})
+        self._is_made = True
+
+    @property
+    def task(self) -> Task:
+        """The task whose rules these are; its attributes may be read and set at any time."""
+        return self._task
+
+    def _is_tasks(self, name: str) -> bool:
+        """Return whether a public attribute is the task's, not the environment's."""
+        return (
+            not name.startswith("_")
+            and not hasattr(type(self), name)
+            and name not in {*self.__dict__, *vars(Task), *SETTINGS}
+            and hasattr(self.__dict__.get("_task"), name)
+        )
+
+    def __getattr__(self, name: str) -> Any:
+        """Attribute of the task that the environment does not have."""
+        if self._is_tasks(name):
+            return getattr(self._task, name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute, of the task if it is the task's."""
+        if self._is_made and self._is_tasks(name):
+            setattr(self._task, name, value)
+        else:
+            super().__setattr__(name, value)
+
+    def _check_attribute(self, name: str) -> None:
+        super()._check_attribute(name)
+        if not hasattr(self, name):
+            kind = type(self._task).__name__
+            own = [each for each in dir(self._task) if self._is_tasks(each)]
+            near = nearest(name, own) if own else ","
+            expected = f"an attribute of the class {kind} ({', '.join(own) or 'it has none'})"
+            raise ValueError(
+                f"{name}: found no such attribute{near} expected {expected} or of its environment; "
+                f"env.unwrapped.task is the {kind}"
+            )
 
     def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
         super()._make(renderer, obs, settings)
@@ -111,6 +153,9 @@ class Custom(Native):
         for given in self._given.values():
             given[chosen] = np.nan
         for name, values in drawn.items():
+            if name == "object" and np.asarray(values).dtype.kind in "US":
+                expected = "places in the setting `objects`, counted from 0"
+                raise ValueError(f"draw object: found {values!r}, expected {expected}")
             column = numbers(f"draw {name}", values, len(chosen))
             if not np.isfinite(column).all():
                 raise ValueError(f"draw {name}: found {column}, expected finite numbers")

@@ -6,14 +6,15 @@ environments::
     policy, state = ruffini.policies.scripted("ruffini/GraspLift-v0"), None
     action, state = policy.predict(observation, state, episode_start)
 
-The scripted policy of a task is the function ``act`` of the module of the task's name, whose
-``READS`` names the channels that it needs.
+Those with `is_stateful` need that state in every step. The scripted policy of a task is the
+function ``act`` of the module of the task's name, whose ``READS`` names the channels that it needs.
 """
 
 from __future__ import annotations
 
 import importlib
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -33,14 +34,21 @@ class ScriptedPolicy:
     Args:
         act: The function; its state is a tuple of arrays (N, ...), or none.
         reads: Channels that it reads of dict observations.
+        is_stateful: Whether actions depend on the state.
     """
 
     def __init__(
-        self, act: Callable[[Any, Any], tuple[NDArray[np.float32], Any]], reads: Sequence[str] = ()
+        self,
+        act: Callable[[Any, Any], tuple[NDArray[np.float32], Any]],
+        reads: Sequence[str] = (),
+        is_stateful: bool = False,
     ) -> None:
         self._act = act
         self.reads = tuple(reads)
         """Channels that it reads."""
+        self.is_stateful = is_stateful
+        """Whether actions depend on the state, which has to be passed on from call to call."""
+        self._stateless_calls = 0
 
     def predict(
         self,
@@ -51,8 +59,11 @@ class ScriptedPolicy:
     ) -> tuple[NDArray[np.float32], Any]:
         """Actions (N, 5) for observations of N environments, and a state for the next call.
 
+        A policy that `is_stateful` warns if it is called several times in a row without a state.
+
         Args:
-            observation: Observations of N environments.
+            observation: Observations of N environments, or of one without the first axis, whose
+                action has shape (5,).
             state: State that the last call returned; none at the first.
             episode_start: Rows (N,) whose observation is the first of an episode, where the state
                 begins anew; none if not given.
@@ -62,11 +73,36 @@ class ScriptedPolicy:
             ValueError: If the observation lacks a channel that the policy reads, or `episode_start`
                 is not one bool per environment.
         """
-        self._check(observation)
+        if self.reads:
+            channels = self._channels(observation)
+            single = channels[self.reads[0]].ndim == 1
+            observation = {name: np.atleast_2d(values) for name, values in channels.items()}
+        else:
+            single = False
+        if self.is_stateful:
+            self._watch(state, episode_start)
+        action, state = self._next(observation, state, episode_start)
+        return (action[0] if single else action), state
+
+    def _watch(self, state: Any, episode_start: Any) -> None:
+        """Warn of calls without the state that this policy keeps."""
+        lost = state is None and episode_start is None
+        self._stateless_calls = self._stateless_calls + 1 if lost else 0
+        if self._stateless_calls == 2:
+            warnings.warn(
+                "predict: found two calls in a row without a state, expected the one that the "
+                "last call returned, for this policy keeps one: action, state = "
+                "predict(observation, state, episode_start)",
+                stacklevel=3,
+            )
+
+    def _next(
+        self, observation: Any, state: Any, episode_start: Any
+    ) -> tuple[NDArray[np.float32], Any]:
         action, following = self._act(observation, state)
         if state is None or episode_start is None:
             return action, following
-        first = np.asarray(episode_start, np.bool_)
+        first = np.atleast_1d(np.asarray(episode_start, np.bool_))
         if first.shape != (len(action),):
             found = f"found shape {first.shape}, expected ({len(action)},)"
             raise ValueError(f"episode_start: {found}, one bool per environment")
@@ -77,10 +113,12 @@ class ScriptedPolicy:
             following = tuple(_replaced(old, fresh, first) for old, fresh in pairs)
         return action, following
 
-    def _check(self, observation: Any) -> None:
-        """Raise a ``ValueError`` unless all that is read is there, for N environments."""
-        if not self.reads:
-            return
+    def _channels(self, observation: Any) -> dict[str, NDArray[Any]]:
+        """Channels that are read, as arrays, all of N environments or all of one.
+
+        Raises:
+            ValueError: If one is not there or has another shape.
+        """
         expected = f"the channels {', '.join(self.reads)} of N environments, each (N, ...)"
         if not isinstance(observation, Mapping):
             found = f"an array of shape {np.shape(observation)}"
@@ -91,9 +129,16 @@ class ScriptedPolicy:
                     f"observation: found no {name} among {', '.join(observation)}, "
                     f"expected {expected}"
                 )
-            values: Any = observation.get(name)
-            if len(shape := np.shape(values)) != 2:
-                raise ValueError(f"observation: found {name} of shape {shape}, expected {expected}")
+        # Tensors of PyTorch as well; those on a GPU or with a gradient say what to do.
+        channels = {name: np.asarray(observation[name]) for name in self.reads}
+        axes = channels[self.reads[0]].ndim
+        for name, values in channels.items():
+            if values.ndim != axes or axes not in (1, 2):
+                found = f"found {name} of shape {values.shape}"
+                raise ValueError(
+                    f"observation: {found}, expected {expected}, or of one, each (...)"
+                )
+        return channels
 
 
 def _replaced(old: NDArray[Any], new: NDArray[Any], rows: NDArray[np.bool_]) -> NDArray[Any]:
@@ -108,9 +153,10 @@ class RandomPolicy(ScriptedPolicy):
         random = np.random.default_rng(seed)
 
         def act(observation: Any, state: Any) -> tuple[NDArray[np.float32], Any]:
-            channels = observation if isinstance(observation, dict) else {"flat": observation}
-            rows = len(next(iter(channels.values())))
-            return random.uniform(-1, 1, (rows, 5)).astype(np.float32), state
+            channels = observation if isinstance(observation, Mapping) else {"flat": observation}
+            # Without rows of one environment, and so is its action.
+            rows = np.shape(next(iter(channels.values())))[:-1]
+            return random.uniform(-1, 1, (*rows, 5)).astype(np.float32), state
 
         super().__init__(act)
 
@@ -119,7 +165,7 @@ def scripted(env_id: str) -> ScriptedPolicy:
     """The scripted policy of an environment.
 
     It reads a part of the default observation, as a dict (``obs="dict"``); ``reads`` of the policy
-    names the channels.
+    names the channels. Those of GraspFragile, GraspSoft and InsertPeg keep a state (`is_stateful`).
 
     Raises:
         ValueError: If there is no such environment.
@@ -131,4 +177,4 @@ def scripted(env_id: str) -> ScriptedPolicy:
         raise ValueError(f"env_id: found {env_id!r}{near} expected one of {known}")
     word = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
     module = importlib.import_module(f"ruffini.policies.{word}")
-    return ScriptedPolicy(module.act, module.READS)
+    return ScriptedPolicy(module.act, module.READS, module.IS_STATEFUL)

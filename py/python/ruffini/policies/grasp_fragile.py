@@ -15,6 +15,9 @@ from ruffini.policies._rise import rise
 READS = ("proprio", "stress_ratio")
 """Channels of the observation."""
 
+IS_STATEFUL = True
+"""Whether the policy keeps a state from step to step."""
+
 AIM = 0.9
 """Stress that is aimed at, of the limit."""
 

@@ -18,6 +18,9 @@ from ruffini.policies._parts import part
 READS = ("proprio", "object")
 """Channels of the observation."""
 
+IS_STATEFUL = False
+"""Whether the policy keeps a state from step to step."""
+
 MAX_SPEED = 0.25
 """Speed of the wrist at action 1 (m/s)."""
 

@@ -16,6 +16,9 @@ from ruffini.policies._rise import rise
 READS = ("proprio", "squeeze")
 """Channels of the observation."""
 
+IS_STATEFUL = True
+"""Whether the policy keeps a state from step to step."""
+
 ENOUGH = 0.6
 """Grip force that holds the heaviest object at the least friction (N)."""
 

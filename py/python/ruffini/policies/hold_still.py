@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 READS = ("slip",)
 """Channels of the observation."""
 
+IS_STATEFUL = False
+"""Whether the policy keeps a state from step to step."""
+
 SLIDING = 0.4
 """Share of sliding contact that the policy steers for."""
 

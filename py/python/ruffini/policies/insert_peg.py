@@ -21,6 +21,9 @@ from ruffini.policies._parts import part
 READS = ("proprio", "wrench")
 """Channels of the observation."""
 
+IS_STATEFUL = True
+"""Whether the policy keeps a state from step to step."""
+
 SPEED = 0.02
 """Speed of the wrist at action 1 (m/s)."""
 
