@@ -13,14 +13,13 @@ import time
 from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Iterable
-from itertools import count
 
 import numpy as np
 import tomllib
 
 import extreme
 from engine import OUT, Rows, made, quantiles, table, text
-from stability import DEFECT, FINE, LIMIT, WRONG, also, ask, by, counts, within
+from stability import DEFECT, FINE, LIMIT, WRONG, also, ask, by, counts, of_each, within
 from verdict import judged
 
 __all__ = ["also"]
@@ -56,8 +55,7 @@ def make(options: Namespace) -> dict:
     rows = Rows.of("buried", options, MADE_OF, {"seed": SEED, "limit": LIMIT})
     numbers: Iterable[int] = range(options.presses or 10_000)
     if options.quick and options.presses is None:
-        firsts = (next(n for n in count(0, SAME_PAD) if model_of(n) == who) for who in ANSWERERS)
-        numbers = [first + i for first in firsts for i in range(QUICK)]
+        numbers = of_each(model_of, ANSWERERS, SAME_PAD, QUICK)
     missing = ({"number": n} | case(n) for n in numbers if n not in rows)
     until = time.monotonic() + 3600 * (options.hours or (0.1 if options.quick else 1e3))
     ask(rows, missing, options.jobs, until, rows.header["commit"])

@@ -29,6 +29,8 @@ SLENDER = ("ball", "pin", "capsule", "cone", "needle", "blade", "lens", "tube")
 """Shapes that begin buried."""
 NETWORK = "surrogate"
 """The answerer that is a network."""
+OF_PADS = ("linear", NETWORK)
+"""Answerers that are made for a pad, and take seconds to build."""
 GELS = {"mini": "gelsight-mini", "digit": "digit"}
 HALF_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -42,20 +44,40 @@ def spread(random: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
-def draw(random: np.random.Generator, answerer: str) -> dict:
-    """Draws a press for `answerer`."""
-    case = {"answerer": answerer} | body(random, answerer) | drive(random)
+def draw(random: np.random.Generator, answerer: str, pad: dict) -> dict:
+    """Draws a press for `answerer`, on that `pad` if it is one of `OF_PADS`."""
+    if answerer in OF_PADS:
+        case = {"answerer": answerer} | pad | drive(random)
+        if answerer == NETWORK:
+            case["long way"] = str(random.choice(["none", "truth"], p=[0.9, 0.1]))
+        return case
+    case = {"answerer": answerer} | body(random) | drive(random)
     case["friction"] = 0.0 if random.random() < 0.3 else spread(random, 0.01, 5.0)
     if answerer == "compliance":
         case["corrections"] = int(random.choice([0, 0, 1, 3, 12]))
-    if answerer == NETWORK:
-        if random.random() < 0.5:
-            case["poisson"], case["friction"] = random.uniform([0.45, 0.4], [0.49, 1.0]).tolist()
-        case["long way"] = str(random.choice(["none", "truth"], p=[0.8, 0.2]))
     if answerer == "fem":
         case["element"] = str(random.choice(ELEMENTS, p=[0.2, 0.6, 0.2]))
         case["long way"] = str(random.choice(["none", "finer", "stiffer"], p=[0.6, 0.2, 0.2]))
     return case
+
+
+def draw_pad(random: np.random.Generator) -> dict:
+    """Draws a pad for `OF_PADS`, half of them with a ratio and friction as gels have them."""
+    pad = {
+        "mesh": str(random.choice(list(GELS), p=[0.7, 0.3])),
+        "young": spread(random, 1e3, 1e9),
+        "poisson": poisson(random),
+        "friction": 0.0 if random.random() < 0.3 else spread(random, 0.01, 4.0),
+    }
+    if random.random() < 0.5:
+        pad["poisson"], pad["friction"] = random.uniform([0.45, 0.4], [0.49, 1.0]).tolist()
+    return pad
+
+
+def poisson(random: np.random.Generator) -> float:
+    """Draws Poisson's ratio, half of them near 0.5."""
+    near = 0.5 - 10 ** random.uniform(-4, -0.31)
+    return float(random.choice([max(near, 0.0), random.uniform(0, 0.4999)]))
 
 
 def draw_gel(random: np.random.Generator, answerer: str) -> dict:
@@ -94,17 +116,12 @@ def draw_buried(random: np.random.Generator) -> dict:
     }
 
 
-def body(random: np.random.Generator, answerer: str) -> dict:
+def body(random: np.random.Generator) -> dict:
     """Draws a soft body."""
-    near = 0.5 - 10 ** random.uniform(-4, -0.31)
-    found = {
+    return {
         "young": spread(random, 1e3, 1e9),
-        "poisson": float(random.choice([max(near, 0.0), random.uniform(0, 0.4999)])),
+        "poisson": poisson(random),
         "law": str(random.choice(LAWS)),
-    }
-    if answerer == NETWORK:
-        return found | {"mesh": str(random.choice(list(GELS)))}
-    return found | {
         "mesh": str(random.choice(MESHES, p=[0.3, 0.15, 0.1, 0.1, 0.1, 0.03, 0.15, 0.07])),
         "cells": int(random.integers(1, 4)),
         "ratio": spread(random, 1.0, 1e6),

@@ -13,20 +13,23 @@ import warnings
 import numpy as np
 
 import ruffini
+import ruffini.envs
 from extreme import WrongError, spread
 from ruffini._schema import control_period
-from ruffini.envs import GraspLiftVectorEnv
+from ruffini._vector import NativeVectorEnv
 from ruffini.evaluation import Policy
 from ruffini.policies import scripted
 from ruffini.policies._parts import part
 
 STEPS = (1 / 60, 1 / 100, 1 / 250, 1 / 500, 1 / 1000)
 TACTILE = ("none", "compliance", "surrogate")
+TASKS = ("GraspLift", "GraspFragile", "HoldStill")
+"""Tasks in which two fingers with pads hold an object."""
 
 
 def draw(random: np.random.Generator) -> dict:
     """A scene, and the actions in it."""
-    tactile = str(random.choice(TACTILE, p=[0.9, 0.07, 0.03]))
+    tactile = str(random.choice(TACTILE, p=[0.6, 0.05, 0.35]))
     hold = tactile == "none" and random.random() < 0.1
     step = float(random.choice(STEPS))
     # Fewer iterations than one a millisecond are refused.
@@ -34,6 +37,7 @@ def draw(random: np.random.Generator) -> dict:
     steps = 1500 if hold else int(random.integers(5, 100 if tactile == "none" else 40))
     return {
         "answerer": "environment",
+        "task": str(random.choice(TASKS, p=[0.5, 0.25, 0.25])),
         "tactile": tactile,
         "objects": [str(random.choice(ruffini.OBJECTS))],
         "mass": spread(random, 1e-5, 1e3),
@@ -69,7 +73,7 @@ def played(case: dict, steps: int) -> dict:
     """A scene's steps: how its episodes ended, and how far an untouched object moved (m)."""
     envs = scene(case)
     observation, _ = envs.reset(seed=case["seed"])
-    random, policy = np.random.default_rng(case["seed"]), scripted("ruffini/GraspLift-v0")
+    random, policy = np.random.default_rng(case["seed"]), scripted(f"ruffini/{case['task']}-v0")
     start, endings, touched = place(envs), [], False
     for _ in range(steps):
         action = act(case["actions"], random, policy, observation)
@@ -86,14 +90,14 @@ def played(case: dict, steps: int) -> dict:
     return {"endings": endings, "shift": shift, "last": observation["object"].tobytes()}
 
 
-def scene(case: dict) -> GraspLiftVectorEnv:
+def scene(case: dict) -> NativeVectorEnv:
     """The environment of a case.
 
     Raises:
         ValueError: If it is refused.
     """
     step = case["time step"]
-    return GraspLiftVectorEnv(
+    return getattr(ruffini.envs, f"{case['task']}VectorEnv")(
         1,
         num_threads=1,
         objects=case["objects"],
@@ -111,7 +115,7 @@ def scene(case: dict) -> GraspLiftVectorEnv:
     )
 
 
-def place(envs: GraspLiftVectorEnv) -> np.ndarray:
+def place(envs: NativeVectorEnv) -> np.ndarray:
     """Position of the object (m)."""
     seen = envs.look(0)
     assert seen is not None, "after a reset there is a scene"
@@ -130,7 +134,7 @@ def act(kind: str, random: np.random.Generator, policy: Policy, observation) -> 
     return (wild * (1e30 if kind == "huge" else 1.0)).astype(np.float32)
 
 
-def check(envs: GraspLiftVectorEnv, observation: dict, reward: np.ndarray) -> None:
+def check(envs: NativeVectorEnv, observation: dict, reward: np.ndarray) -> None:
     """Raises `WrongError` where a step cannot be one."""
     for name, values in observation.items():
         if not np.isfinite(values).all():

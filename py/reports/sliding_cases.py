@@ -56,6 +56,28 @@ DEPTHS = [1.5e-4 * step for step in range(1, 9)]
 """Depths to which they are lowered one after the other (m)."""
 SHOWN = (1, 3, 5, 7)
 """Numbers of the depths that are reported."""
+LINEAR = "linear solution"
+"""What the network corrects; only of shapes that are lowered deep and dragged."""
+HALF_ROOT = math.sqrt(0.5)
+UPRIGHT, ACROSS, ALONG = (
+    (0.0, 0.0, 0.0, 1.0),
+    (0.0, HALF_ROOT, 0.0, HALF_ROOT),
+    (HALF_ROOT, 0.0, 0.0, HALF_ROOT),
+)
+"""Orientations: as made, and lying across and along the finger."""
+DEEP = {
+    "ball of 3 mm": (Shape.sphere(3e-3), UPRIGHT, 3e-3, 8e-4),
+    "ball of 7 mm": (Shape.sphere(7e-3), UPRIGHT, 7e-3, 1e-3),
+    "ball of 15 mm": (Shape.sphere(0.015), UPRIGHT, 0.015, 1.2e-3),
+    "lying cylinder": (Shape.cylinder(5e-3, 4e-3), ACROSS, 5e-3, 8e-4),
+    "lying capsule": (Shape.capsule(4e-3, 3e-3), ACROSS, 4e-3, 1e-3),
+    "ellipsoid": (Shape.ellipsoid((8e-3, 5e-3, 4e-3)), UPRIGHT, 4e-3, 8e-4),
+    "lying prism": (Shape.prism(6, 8e-3, 5e-3), ALONG, 8e-3 * math.cos(math.pi / 6), 4e-4),
+    "block": (Shape.cuboid((6e-3, 6e-3, 5e-3)), UPRIGHT, 5e-3, 4e-4),
+}
+"""Shapes that are lowered and then dragged, their orientation, height of the middle, depth (m)."""
+DEEP_STEPS, DEEP_DRAG = 6, [1e-4 * step for step in range(1, 9)]
+"""Steps down to that depth, and distances that they are then dragged along the finger (m)."""
 Pose = tuple[Any, Any]
 
 
@@ -89,6 +111,22 @@ def lowered(ball: str, model: str) -> dict[str, Any]:
         "seconds": spent,
         "sliding": [frame.sliding for frame in frames],
         "force": [float(-frame.wrench[2]) for frame in frames],
+    }
+
+
+def deep(name: str, model: str) -> dict[str, Any]:
+    """Share of the normal force that slides under a shape that is lowered and then dragged."""
+    shape, turn, above, depth = DEEP[name]
+    down = [(1 + step) / DEEP_STEPS * depth for step in range(DEEP_STEPS)]
+    path = [([0.0, 0.0, above - low], turn) for low in down]
+    path += [([0.0, y, above - depth], turn) for y in DEEP_DRAG]
+    frames, spent = solved(model, LOWERED_FRICTION, shape, path)
+    return {
+        "deep": name,
+        "model": model,
+        "seconds": spent,
+        "sliding": [frame.sliding for frame in frames],
+        "force": [[float(x) for x in frame.wrench[:3]] for frame in frames],
     }
 
 
@@ -175,9 +213,9 @@ def solved(
     Raises:
         RuntimeError: If a frame is not solved.
     """
-    solver: Any = ruffini.Surrogate(friction=friction)
-    kind = MODELS[model]
-    if kind:
+    made = ruffini.LinearPad if model == LINEAR else ruffini.Surrogate
+    solver: Any = made(friction=friction)
+    if kind := MODELS.get(model):
         element, nodes, refined = kind
         around = middle() if refined == "middle" else None
         around = beneath(shape, path) if refined == "contact" else around

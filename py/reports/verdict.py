@@ -25,6 +25,7 @@ from extreme import (
     BURIED,
     GELS,
     NETWORK,
+    OF_PADS,
     WrongError,
     buried,
     face_height,
@@ -89,9 +90,8 @@ def answered(case: dict) -> dict:
         ValueError: If the press is refused.
         WrongError: If a check fails.
     """
-    # Presses that begin buried have the pad of the one before, mostly.
-    same = case["kind"] in BURIED and case.keys() >= PAD
-    model = kept(*((key, case.get(key)) for key in OF_PAD)) if same else answerer(case)
+    # Presses of a pad have that of the press before, mostly.
+    model = kept(*((key, case[key]) for key in OF_MODEL if key in case))
     body = model.body
     asked = press(case, body.mesh)
     frames = model.solve_path(asked)
@@ -133,20 +133,20 @@ def depth_below(case: dict, body: SoftBody) -> float:
     return max((face_height(body.mesh, point[:2]) - point[2] for point in over), default=0.0)
 
 
-PAD = {"answerer", "mesh", "nodes", "young", "poisson", "friction", "law", "corrections", "free"}
-"""Parts from which a model of a pad is made; finite elements from their kind, too."""
-OF_PAD = (*sorted(PAD), "element")
+OF_BODY = ("mesh", "nodes", "cells", "ratio", "flatness", "young", "poisson", "law", "free")
+OF_MODEL = (*OF_BODY, "answerer", "friction", "corrections", "element")
+"""Parts of a case from which its model is made."""
 
 
 @lru_cache(maxsize=1)
-def kept(*pad: tuple[str, Any]) -> Fem | Compliance | LinearPad | Surrogate:
-    """The model of a pad, given as pairs; the last one is kept."""
-    return answerer({name: value for name, value in pad if value is not None})
+def kept(*parts: tuple[str, Any]) -> Fem | Compliance | LinearPad | Surrogate:
+    """The model of a case, given as pairs; the last one is kept."""
+    return answerer(dict(parts))
 
 
 def answerer(case: dict) -> Fem | Compliance | LinearPad | Surrogate:
     """The model of a case."""
-    if case["answerer"] in (NETWORK, "linear"):
+    if case["answerer"] in OF_PADS:
         chosen = {key: case[key] for key in ("young", "poisson", "friction")}
         model = Surrogate if case["answerer"] == NETWORK else LinearPad
         return model(GELS[case["mesh"]], **chosen)

@@ -113,14 +113,14 @@ def test_what_a_change_may_touch_is_asked_again(tmp_path, monkeypatch):
             stability, "answers", lambda _, tasks, *__: ((one, answer) for one in tasks)
         )
         parser = command.parser_of(stability, "stability")
-        chosen = parser.parse_args(["--presses", "60", *options], Namespace(form="full"))
+        chosen = parser.parse_args(["--presses", "600", *options], Namespace(form="full"))
         return stability.make(chosen)["asked by"]
 
     monkeypatch.setattr(stability, "KEPT", tmp_path)
     assert all(builds.keys() == {"one"} for builds in asked(build="one").values())
     by = asked("--keep", "one", "--again", "surrogate", "fem:tiny", build="two")
     assert by["surrogate"].keys() == {"two"}
-    assert by["compliance"].keys() == by["nodes"].keys() == {"one"}
+    assert by["compliance"].keys() == by["linear"].keys() == {"one"}
     assert by["fem"].keys() == {"one", "two"}
     with pytest.raises(SystemExit, match="no rows of that build"):
         asked("--keep", "two", build="three")

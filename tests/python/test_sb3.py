@@ -14,8 +14,9 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from ruffini import _rows
+from ruffini.agents.sb3 import _checked
 from ruffini.envs import GraspLiftEnv
-from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
+from ruffini.sb3 import WEAK, AsymmetricPolicy, TouchExtractor, make_vec_env
 
 ID = "ruffini/GraspLift-v0"
 
@@ -286,6 +287,49 @@ def test_ppo_learns_on_touch():
     envs = make_vec_env("ruffini/HoldStill-v0", 2, seed=0, **settings)
     kwargs = {"features_extractor_class": TouchExtractor, "net_arch": [32]}
     PPO("MultiInputPolicy", envs, n_steps=16, batch_size=16, policy_kwargs=kwargs).learn(32)
+
+
+def test_pictures_go_through_convolutions():
+    import torch
+    from gymnasium.spaces import Box, Dict
+
+    frames, shape, size = 2, (20, 15, 3), 20 * 15 * 3
+    sizes = {"image": 2 * 2 * size, "proprio": 28}
+    space = Dict({name: Box(0, 1, (size,), np.float32) for name, size in sizes.items()})
+    torch.manual_seed(0)
+    extractor = TouchExtractor(space, frames=frames, pictures={"image": shape})
+    image = torch.rand(3, frames, 2, *shape)
+    given = {"image": image.flatten(1), "proprio": torch.zeros(3, 28)}
+    features = extractor(given)[:, :64].reshape(3, 2, 32)
+    # As a picture with all colours of both frames, pad by pad.
+    for pad in range(2):
+        seen = torch.cat([image[:, frame, pad].permute(0, 3, 1, 2) for frame in range(2)], dim=1)
+        own = extractor._pads["image"].layers(seen)
+        torch.testing.assert_close(features[:, pad], WEAK * own)
+    for wrong, match in (
+        ({"image": (20, 15)}, r"image \(20, 15\), expected rows, columns and colours of the 900"),
+        ({"image": (15, 15, 3)}, r"found image \(15, 15, 3\)"),
+        ({"depth": (20, 15, 1)}, "pictures: found depth, expected some of image, proprio"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            TouchExtractor(space, frames=frames, pictures=wrong)
+
+
+def test_ppo_learns_on_pictures():
+    given = {"resolution": {"image": (15, 20), "nodes": 300}, "tactile": "compliance"}
+    observed = {"observation": ["proprio", "image"], "max_episode_steps": 20}
+    envs = make_vec_env("ruffini/HoldStill-v0", 2, seed=0, **given, **observed)
+    kwargs = {
+        "features_extractor_class": TouchExtractor,
+        "features_extractor_kwargs": {"pictures": {"image": (20, 15, 3)}},
+    }
+    model = PPO("MultiInputPolicy", envs, n_steps=16, batch_size=16, policy_kwargs=kwargs)
+    [first, *_] = model.policy.features_extractor._pads["image"].layers
+    before = first.weight.detach().clone()
+    model.learn(32)
+    assert (first.weight != before).any()
+    with pytest.raises(ValueError, match="features_extractor_kwargs: found pictures, expected"):
+        _checked(model)
 
 
 def test_networks_of_channels_say_what_they_need():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, Literal, get_args
 
 import gymnasium as gym
@@ -301,12 +303,39 @@ def normalize(envs: VecEnv, **kwargs: Any) -> VecNormalize:
     return VecNormalize(envs, **{"norm_reward": False, "norm_obs_keys": keys} | kwargs)
 
 
+class Pictures(torch.nn.Module):
+    """Convolutional network of pictures of a pad: three layers, each of half the size.
+
+    Args:
+        shape: Rows, columns and colours of a picture.
+        features: Number of features.
+        frames: Number of pictures that are seen at once.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], features: int, frames: int = 1) -> None:
+        channels = [frames * shape[2], 16, 32, 32]
+        layers: list[torch.nn.Module] = []
+        for given, wanted in pairwise(channels):
+            layers += [torch.nn.Conv2d(given, wanted, 3, stride=2, padding=1), torch.nn.ReLU()]
+        layers += [torch.nn.AdaptiveAvgPool2d(4), torch.nn.Flatten()]
+        layers += [torch.nn.Linear(16 * channels[-1], features), torch.nn.Tanh()]
+        super().__init__()
+        self.layers = torch.nn.Sequential(*layers)
+        self._shape, self._frames = shape, frames
+
+    def forward(self, pads: torch.Tensor) -> torch.Tensor:
+        """Features (N, 2, F) of the flattened pictures (N, 2, ...) of two pads."""
+        pictures = pads.reshape(-1, self._frames, *self._shape).permute(0, 1, 4, 2, 3)
+        found: torch.Tensor = self.layers(pictures.flatten(1, 2))
+        return found.reshape(-1, 2, found.shape[-1])
+
+
 class TouchExtractor(BaseFeaturesExtractor):
     """Features of dict observations for ``MultiInputPolicy``.
 
     Each field of touch (:func:`fields`) has a small network of its own, which is applied to each
     of the two pads; all other channels are passed through. The default markers take about 9,000
-    weights.
+    weights. A network is a perceptron, or convolutional for those that `pictures` names.
 
     Touch is scaled by its bounds, other channels not at all: :func:`normalize` does that. A learnt
     factor on the features starts small, so that contact at first hardly changes the actions of the
@@ -318,9 +347,13 @@ class TouchExtractor(BaseFeaturesExtractor):
         hidden: Width of the hidden layer.
         frames: Number of observations that a ``VecFrameStack`` has joined; the network of a pad
             then sees that pad in all of them.
+        pictures: Rows, columns and colours of channels that are pictures, such as
+            ``{"image": (80, 60, 3), "depth": (80, 60, 1)}``; those of an environment are in its
+            setting ``resolution``.
 
     Raises:
-        ValueError: If observations are not dicts, or not of so many frames.
+        ValueError: If observations are not dicts, or not of so many frames, or pictures are not
+            of that shape.
     """
 
     def __init__(
@@ -329,6 +362,7 @@ class TouchExtractor(BaseFeaturesExtractor):
         features: int = 32,
         hidden: int = 64,
         frames: int = 1,
+        pictures: Mapping[str, Sequence[int]] | None = None,
     ) -> None:
         _check_dict(observation_space)
         sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
@@ -336,6 +370,9 @@ class TouchExtractor(BaseFeaturesExtractor):
             if frames < 1 or sizes[name] % (2 * frames):
                 expected = f"a divisor of the {sizes[name] // 2} values of {name} at a pad"
                 raise ValueError(f"frames: found {frames}, expected {expected}")
+        shapes = {
+            name: _checked(name, shape, sizes, frames) for name, shape in (pictures or {}).items()
+        }
         self._frames = frames
         felt = {name: sizes[name] // 2 for name in fields(observation_space)}
         seen = sum(size for name, size in sizes.items() if name not in felt)
@@ -349,7 +386,9 @@ class TouchExtractor(BaseFeaturesExtractor):
             self.register_buffer(f"scale_{name}", scales)
         self._pads = torch.nn.ModuleDict(
             {
-                name: torch.nn.Sequential(
+                name: Pictures(shapes[name], features, frames)
+                if name in shapes
+                else torch.nn.Sequential(
                     torch.nn.Linear(size, hidden),
                     torch.nn.Tanh(),
                     torch.nn.Linear(hidden, features),
@@ -377,6 +416,24 @@ class TouchExtractor(BaseFeaturesExtractor):
                 values = self._strength[name] * self._pads[name](pads).flatten(1)
             parts.append(values)
         return torch.cat(parts, dim=1)
+
+
+def _checked(
+    name: str, shape: Sequence[int], sizes: Mapping[str, int], frames: int
+) -> tuple[int, int, int]:
+    """Shape of a channel of pictures, of which two pads have `frames` each.
+
+    Raises:
+        ValueError: If it is not that of such a channel.
+    """
+    if name not in sizes:
+        raise ValueError(f"pictures: found {name}, expected some of {', '.join(sizes)}")
+    size = sizes[name] // (2 * frames)
+    if len(shape) != 3 or min(shape) < 1 or math.prod(shape) != size:
+        expected = f"rows, columns and colours of the {size} values of {name} at a pad"
+        raise ValueError(f"pictures: found {name} {tuple(shape)}, expected {expected}")
+    rows, columns, colours = shape
+    return rows, columns, colours
 
 
 class AsymmetricPolicy(MultiInputActorCriticPolicy):

@@ -26,7 +26,7 @@ from ruffini._settings import plain
 from ruffini.agents import first_seed
 from ruffini.agents._agent import ACTIVATIONS, FORMAT, Agent, Card, Network, Normaliser
 from ruffini.evaluation import ProgressCallback, check_wrappers, normaliser_of
-from ruffini.sb3 import AsymmetricPolicy, TouchExtractor, make_vec_env
+from ruffini.sb3 import AsymmetricPolicy, Pictures, TouchExtractor, make_vec_env
 
 _HYPERPARAMETERS = (
     "n_steps",
@@ -211,11 +211,16 @@ def _checked(model: Any) -> ActorCriticPolicy:
             policy.activation_fn.__name__,
             policy.activation_fn.__name__ in ACTIVATIONS,
         ),
+        (
+            "features_extractor_kwargs",
+            "pictures",
+            not any(isinstance(part, Pictures) for part in policy.features_extractor.modules()),
+        ),
     ):
         if not sound:
             expected = (
-                f"no gSDE, one extractor of {', '.join(e.__name__ for e in extractors)}, "
-                f"and an activation of {', '.join(ACTIVATIONS)}"
+                f"no gSDE, one extractor of {', '.join(e.__name__ for e in extractors)} without "
+                f"pictures, and an activation of {', '.join(ACTIVATIONS)}"
             )
             raise ValueError(f"model: {name}: found {found}, expected {expected}")
     return policy
