@@ -5,10 +5,10 @@ balance is within the tolerance that the finite elements state. The wrench is th
 forces. Held nodes stay. No tetrahedron is inside out where the law forbids it. No shape is deeper
 in the skin than 250 softnesses (0.5 mm), the bound that is documented for contact points, and the
 distance from there to the next one. Contact never pulls: a shape that comes down on a bonded body
-presses it down, and a ball without friction pushes every node that it touches outwards. What begins
-in the body is felt and pushes it down, an upright shape at least as much as aside. A plate does not
-rub with more than the cone of friction.
-Linear answers and networks are nothing where nothing touches.
+presses it down, and a ball without friction pushes every node that it touches outwards. What is in
+the body at rest as deep as that is felt, and what begins there pushes it down, an upright shape at
+least as much as aside. A plate does not rub with more than the cone of friction. Linear answers
+and networks are nothing where nothing touches.
 """
 
 from __future__ import annotations
@@ -22,12 +22,11 @@ import numpy as np
 import extreme_scenes
 import ruffini
 from extreme import (
-    BURIED,
     GELS,
     NETWORK,
     OF_PADS,
+    Pose,
     WrongError,
-    buried,
     face_height,
     lowered,
     press,
@@ -110,20 +109,23 @@ def answered(case: dict) -> dict:
     through = case["kind"] == "through" and not case.get("free")
     if through and not np.abs(last.contact_force).any():
         raise WrongError("went through the body unfelt")
-    if case["kind"] in BURIED and not np.abs(frames[0].contact_force).any():
-        depth = case["depth"] * np.ptp(body.mesh.vertices[:, 2])
-        if min(depth, depth_below(case, body)) > DEEPEST + BETWEEN:
-            raise WrongError(f"begins {depth:.1e} m deep and is not felt")
+    for frame in frames if case["mesh"] in BROAD and not case.get("free") else ():
+        if not np.abs(frame.contact_force).any():
+            deep = depth_below(case, body, pose(frame))
+            if deep > DEEPEST + BETWEEN:
+                raise WrongError(f"is {deep:.1e} m deep and is not felt")
     return {"verdict": "solved"} | beside(case, model, last)
 
 
-def depth_below(case: dict, body: SoftBody) -> float:
-    """Depth of a shape's first pose below the upper face of a body at rest, 0 or less beside it.
+def depth_below(case: dict, body: SoftBody, pose: Pose) -> float:
+    """Depth of a shape in that pose below the upper face of a body at rest, 0 or less beside it.
 
     In m. The lowest point of a long shape may be off the pad, where no face is above it.
     """
     form, _ = shape(case)
-    place, turn = buried(case, body.mesh)[0]
+    place, turn = pose
+    if case["shape"] == "plate":
+        return float(body.mesh.vertices[:, 2].max() - place[2])
     corners, sides = form.surface()
     weights = np.array([[i, j, 8 - i - j] for i in range(9) for j in range(9 - i)]) / 8
     points = np.einsum("wc,fcx->fwx", weights, (turned(turn, corners) + place)[sides])
@@ -331,7 +333,7 @@ def edges(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
 
 
-def pose(frame: Deformation) -> tuple[np.ndarray, np.ndarray]:
+def pose(frame: Deformation) -> Pose:
     """Place and turn of the one shape."""
     [(place, turn)] = frame.pose if isinstance(frame.pose, list) else [frame.pose]
     return np.asarray(place), np.asarray(turn)
