@@ -65,6 +65,10 @@ BETWEEN = 0.4e-3 / 3**0.5
 """Farthest that a place of the skin at rest is from contact points 0.4 mm apart (m)."""
 
 
+UNFELT = DEEPEST + BETWEEN
+"""Depth in a body at rest from which a shape is felt (m)."""
+
+
 def judged(case: dict) -> dict:
     """Outcome of a press: ``verdict``, ``why`` and figures."""
     begun = time.perf_counter()
@@ -112,15 +116,15 @@ def answered(case: dict) -> dict:
     for frame in frames if case["mesh"] in BROAD and not case.get("free") else ():
         if not np.abs(frame.contact_force).any():
             deep = depth_below(case, body, pose(frame))
-            if deep > DEEPEST + BETWEEN:
+            if deep > UNFELT:
                 raise WrongError(f"is {deep:.1e} m deep and is not felt")
     return {"verdict": "solved"} | beside(case, model, last)
 
 
 def depth_below(case: dict, body: SoftBody, pose: Pose) -> float:
-    """Depth of a shape in that pose below the upper face of a body at rest, 0 or less beside it.
+    """Depth of a shape below the upper face of a body at rest, if it is above `UNFELT`, else 0.
 
-    In m. The lowest point of a long shape may be off the pad, where no face is above it.
+    In m, in that pose. The lowest point of a long shape may be off the pad, where no face is above it.
     """
     form, _ = shape(case)
     place, turn = pose
@@ -131,7 +135,8 @@ def depth_below(case: dict, body: SoftBody, pose: Pose) -> float:
     points = np.einsum("wc,fcx->fwx", weights, (turned(turn, corners) + place)[sides])
     points = np.unique(points.reshape(-1, 3).round(7), axis=0)
     low, high = body.mesh.vertices.min(axis=0), body.mesh.vertices.max(axis=0)
-    over = points[((low < points) & (points < high)).all(axis=1)]
+    # Most shapes that are not felt are not below the highest point by that much: no need to look.
+    over = points[((low < points) & (points < high - [0, 0, UNFELT])).all(axis=1)]
     return max((face_height(body.mesh, point[:2]) - point[2] for point in over), default=0.0)
 
 
