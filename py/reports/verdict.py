@@ -124,7 +124,8 @@ def answered(case: dict) -> dict:
 def depth_below(case: dict, body: SoftBody, pose: Pose) -> float:
     """Depth of a shape below the upper face of a body at rest, if it is above `UNFELT`, else 0.
 
-    In m, in that pose. The lowest point of a long shape may be off the pad, where no face is above it.
+    In m, in that pose. The lowest point of a long shape may be off the pad, where no face is
+    above it.
     """
     form, _ = shape(case)
     place, turn = pose
