@@ -35,6 +35,7 @@ PLAYED = (
     ("HoldStill", "agent"),
     ("GraspLift", "agent"),
     ("GraspFragile", "agent"),
+    ("InsertPeg", "agent"),
     ("GraspFragile", "scripted"),
     ("InsertPeg", "scripted"),
     ("HoldStill", "scripted"),
