@@ -306,6 +306,7 @@ def deeps(found: dict[str, Any]) -> str:
     }
     return text(
         DEEPER,
+        {},
         table=table(columns, lines),
         linear=f"{of_all[LINEAR]:.2f}",
         network=f"{of_all['network']:.2f}",
