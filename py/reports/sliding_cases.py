@@ -72,7 +72,8 @@ DEEP = {
     "lying cylinder": (Shape.cylinder(5e-3, 4e-3), ACROSS, 5e-3, 8e-4),
     "lying capsule": (Shape.capsule(4e-3, 3e-3), ACROSS, 4e-3, 1e-3),
     "ellipsoid": (Shape.ellipsoid((8e-3, 5e-3, 4e-3)), UPRIGHT, 4e-3, 8e-4),
-    "lying prism": (Shape.prism(6, 8e-3, 5e-3), ALONG, 8e-3 * math.cos(math.pi / 6), 4e-4),
+    "prism on a face": (Shape.prism(6, 8e-3, 5e-3), ACROSS, 8e-3 * math.cos(math.pi / 6), 4e-4),
+    "prism on an edge": (Shape.prism(6, 8e-3, 5e-3), ALONG, 8e-3, 1e-3),
     "block": (Shape.cuboid((6e-3, 6e-3, 5e-3)), UPRIGHT, 5e-3, 4e-4),
 }
 """Shapes that are lowered and then dragged, their orientation, height of the middle, depth (m)."""
