@@ -5,7 +5,8 @@ use std::sync::Arc;
 use ruffini_core::{
     Error,
     env::{Autoreset, Batch, Setup},
-    task::{Ending, Range, StateChannel, TaskConfig},
+    tactile::Choice,
+    task::{Ending, Range, StartQuantity, StateChannel, Task, TaskConfig},
 };
 
 fn batch(config: TaskConfig, rows: usize, threads: usize, autoreset: Autoreset) -> Batch {
@@ -122,5 +123,54 @@ fn observations_stay_within_their_bounds() {
                 assert_ne!(outcome.ending, Some(Ending::EngineError));
             }
         }
+    }
+}
+
+#[test]
+fn a_row_that_cannot_start_leaves_the_others_a_whole_step() {
+    let config = TaskConfig {
+        tactile: Choice::None,
+        mass: [0.05, 0.5],
+        friction: [0.01, 1.0],
+        ..TaskConfig::of(&Task::named("HoldStill").unwrap())
+    };
+    // So heavy and smooth that the hand holds nothing; not a number is drawn.
+    let give = |batch: &mut Batch, quantities: [f64; 2]| {
+        for (quantity, value) in
+            [StartQuantity::Mass, StartQuantity::Friction].into_iter().zip(quantities)
+        {
+            batch.give(quantity, &[f64::NAN, value]).unwrap();
+        }
+    };
+    let (heavy, drawn) = ([0.5, 0.01], [0.05, 1.0]);
+    for autoreset in [Autoreset::NextStep, Autoreset::SameStep] {
+        let setup = Arc::new(Setup::new(config.clone()).unwrap());
+        let [mut pair, mut alone] =
+            [2, 1].map(|rows| Batch::new(setup.clone(), rows, 1, autoreset).unwrap());
+        pair.seed(&[Some(3), Some(4)]).unwrap();
+        alone.seed(&[Some(3)]).unwrap();
+        alone.reset(None).unwrap();
+        give(&mut pair, heavy);
+        let error = pair.reset(None).unwrap_err().to_string();
+        assert!(error.contains("does not hold in any of 20 draws"), "{error}");
+        give(&mut pair, drawn);
+        pair.reset(Some(&[false, true])).unwrap();
+        give(&mut pair, heavy);
+        let mut failed = false;
+        for step in 0..400 {
+            let action = &actions(2, step);
+            let result = pair.step(action);
+            alone.step(&action[..5]).unwrap();
+            failed = result.is_err();
+            if failed {
+                break;
+            }
+            if autoreset == Autoreset::NextStep && step == 10 {
+                pair.end(&[false, true]).unwrap();
+            }
+        }
+        assert!(failed, "the second row never ended");
+        assert_eq!([pair.rows()[0].is_new(), pair.rows()[1].is_new()], [false, true]);
+        assert_eq!(pair.save()[0], alone.save()[0]);
     }
 }

@@ -245,6 +245,18 @@ def test_an_interrupt_keeps_what_was_learnt(tmp_path, monkeypatch, capsys):
     assert agents.load(tmp_path).card["steps"] == 768
 
 
+def test_steps_with_rigid_pads_take_what_is_of_the_gel():
+    pytest.importorskip("stable_baselines3")
+    from ruffini.agents.training import make_environment, params
+
+    of_gel = {"gel_stiffness": [0.8, 1.25], "tactile": "compliance", "resolution": {"nodes": 150}}
+    errors = {"markers": {"noise": 1e-6}, "proprio": {"noise": 1e-3}}
+    chosen = params("ruffini/GraspLift-v0").with_settings(of_gel | {"sensor_errors": errors})
+    assert chosen.steps_without_touch > 0
+    envs = make_environment("ruffini/GraspLift-v0", chosen, seed=0, threads=1)
+    assert not envs.reset()["markers"].any()
+
+
 @pytest.fixture
 def saves(monkeypatch):
     """Steps at which checkpoints are saved by runs of 256 steps a rollout, and what a test adds.
@@ -415,8 +427,14 @@ def test_an_agent_is_trained_further(run, tmp_path, monkeypatch, capsys):
     assert after == before + 8 * 33, "its statistics go on"
     weights = [one.tensors["policy.0.weight"] for one in (first, agent)]
     assert 0 < np.abs(weights[1] - weights[0]).max() < 0.1, "its weights, a little changed"
-    assert command("train", "HoldStill", "--resume", "--steps", 512, "--out", folder) == 0
-    assert agents.load(folder).card["steps"] == first.card["steps"] + 512
+    # Steps are those of this run, without what the agent had learnt before.
+    about = json.loads((folder / agents.RUN).read_text())
+    about["params"]["steps"] = 512
+    (folder / agents.RUN).write_text(json.dumps(about))
+    for _ in range(2):
+        assert command("train", "HoldStill", "--resume", "--out", folder) == 0
+        assert agents.load(folder).card["steps"] == first.card["steps"] + 512
+    assert "further: has its 512 steps" in capsys.readouterr().out
     other = ["--from", run, "--settings", '{"observation": "proprio"}', "--out", tmp_path / "b"]
     assert command("train", "HoldStill", *other) == 2
     assert "found channels " in capsys.readouterr().err

@@ -56,6 +56,26 @@ def test_every_episode_is_drawn_anew_and_a_seed_draws_the_same_again(mode):
     assert not np.isin(masses(envs, 90), first).any()
 
 
+class Slippery(Paid):
+    """Draws once a start with which the hand holds nothing."""
+
+    base = "HoldStill"
+    times = 0
+
+    def draw(self, random):
+        self.times += 1
+        is_first = self.times == 1
+        return {"mass": 0.5 if is_first else 0.05, "friction": 0.01 if is_first else 1.0}
+
+
+def test_a_start_that_cannot_be_is_not_drawn_for_ever():
+    ranges = {"mass": (0.05, 0.5), "friction": (0.01, 1.0), "tactile": "none"}
+    envs = CustomVectorEnv(Slippery, 1, **ranges)
+    with pytest.raises(ValueError, match="does not hold in any of 20 draws"):
+        envs.reset(seed=0)
+    envs.reset()
+
+
 @pytest.mark.parametrize("mode", MODES)
 def test_an_ending_in_the_last_step_is_no_truncation_and_begins_one_episode(mode):
     ours, twin = (

@@ -91,6 +91,23 @@ def test_the_encoder_of_touch_keeps_a_pad_together_over_frames():
         TouchExtractor(stacked.observation_space, frames=4)
 
 
+def test_few_values_in_many_frames_are_no_field():
+    from ruffini.sb3 import fields, make_vec_env, normalize
+
+    seen = ["proprio", "slip", "markers"]
+    tactile = {"tactile": "compliance", "resolution": {"nodes": 150}}
+    stacked = vec_env.VecFrameStack(make_vec_env(LIFT, 1, observation=seen, **tactile), 4)
+    assert fields(stacked.observation_space, 4) == ["markers"]
+    assert normalize(stacked).norm_obs_keys == ["proprio", "slip"]
+
+
+def test_films_have_the_rate_of_the_environment():
+    from ruffini.sb3 import make_vec_env
+
+    physics = {"control_period": 0.02}
+    assert make_vec_env(LIFT, 1, tactile="none", physics=physics).metadata["render_fps"] == 50
+
+
 def test_arguments_that_are_asked_for_elsewhere_say_where():
     for name, text in (("seed", "expected first_seed"), ("num_envs", "expected episodes")):
         with pytest.raises(TypeError, match=text):

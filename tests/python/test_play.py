@@ -94,6 +94,13 @@ def test_it_writes_a_gif_that_shows_the_touch(file, tmp_path):
     assert len(np.unique(corner, axis=0)) > 20, "nothing of touch in the corner"
 
 
+@pytest.mark.parametrize("rate", [21, 25, 30, 12, 200])
+def test_a_gif_has_any_rate(tmp_path, rate):
+    path = tmp_path / "a.gif"
+    video.write(path, [np.full((40, 60, 3), 10 * i, np.uint8) for i in range(9)], rate)
+    assert path.stat().st_size > 0
+
+
 def test_what_stands_still_in_a_gif_keeps_its_colour(tmp_path):
     image = pytest.importorskip("PIL.Image")
     still = np.random.default_rng(0).integers(0, 256, (40, 60, 3)).astype(np.uint8)

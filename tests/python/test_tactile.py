@@ -337,6 +337,28 @@ def test_drift_starts_at_each_reset_and_is_what_is_set_after_a_second():
     np.testing.assert_allclose(drift[:, 25].std(), 1e-5, rtol=0.1)
 
 
+def test_noise_of_an_episode_is_not_that_of_another_one():
+    settings: dict[str, Any] = {"objects": "sphere", "load": 0.0, "shaking": 0.0}
+    settings |= {"start_grip": 4.0, "friction": 0.7, "observation": "wrench", "tactile": "none"}
+
+    def episodes(**more: Any) -> np.ndarray:
+        env = gym.make("ruffini/HoldStill-v0", obs="flat", **settings, **more)
+        films = []
+        for seed in (5, None, None, None):
+            seen = [env.reset(seed=seed)[0]]
+            seen += [env.step(np.zeros(5, np.float32))[0] for _ in range(40)]
+            films.append(np.concatenate(seen))
+        return np.array(films, np.float64)
+
+    noise = episodes(sensor_errors={"wrench": {"noise": 0.01}}) - episodes()
+    noise /= noise.std(axis=1, keepdims=True)
+    for i in range(4):
+        for j in range(i):
+            # All shifts of one against the other; 492 numbers: a quarter is five standard errors.
+            shifted = np.correlate(noise[i], noise[j], "full") / noise.shape[1]
+            assert np.abs(shifted).max() < 0.25, (i, j)
+
+
 def test_the_network_predicts_its_errors_and_other_models_refuse_to():
     settings: dict[str, Any] = {"observation": ["wrench", "predicted_error"], "objects": "sphere"}
     env = gym.make("ruffini/GraspLift-v0", **settings)

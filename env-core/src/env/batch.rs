@@ -139,7 +139,8 @@ impl Batch {
     }
 
     /// Starts a new episode in the rows that `mask` selects, or in all, and returns all
-    /// observations (N, D).
+    /// observations (N, D). If a row cannot start one, that is an error once all others have: it is
+    /// then as one that was never reset.
     pub fn reset(&mut self, mask: Option<&[bool]>) -> Result<Vec<f32>> {
         if let Some(mask) = mask {
             self.expect_length("reset_mask", mask.len(), "one flag a row")?;
@@ -152,13 +153,14 @@ impl Batch {
         let setup = self.setup.clone();
         let chosen = |i: usize| mask.is_none_or(|mask| mask[i]);
         let reset = self.each(|i, row, _| if chosen(i) { row.reset(&setup) } else { Ok(()) })?;
-        reset.into_iter().collect::<Result<()>>()?;
-        self.solve_and_settle()?;
+        let settled = self.solve_and_settle();
         self.each(|_, row, observation| row.open(&setup, observation))?;
+        reset.into_iter().collect::<Result<()>>().and(settled)?;
         Ok(self.observation.clone())
     }
 
-    /// Takes one step in each row; `actions` is (N, 5).
+    /// Takes one step in each row; `actions` is (N, 5). If a row cannot start its next episode, that
+    /// is an error once all others have taken the step: it is then as one that was never reset.
     pub fn step(&mut self, actions: &[f32]) -> Result<StepResult> {
         let (actions, rest) = actions.as_chunks::<ACTION_SIZE>();
         if !rest.is_empty() {
@@ -172,25 +174,30 @@ impl Batch {
         self.expect_started()?;
         let (setup, autoreset) = (self.setup.clone(), self.autoreset);
         let begun = self.each(|i, row, _| begin_step(&setup, autoreset, row, &actions[i]))?;
-        let begun = begun.into_iter().collect::<Result<Vec<_>>>()?;
-        self.solve_and_settle()?;
+        let mut done = self.solve_and_settle();
         let steps = self.each(|i, row, observation| match begun[i] {
-            Begun::Reset => {
+            Ok(Begun::Step) => end_step(&setup, autoreset, row, observation),
+            Ok(Begun::Reset) | Err(_) => {
                 row.open(&setup, observation);
                 Ok((Outcome::default(), None))
             }
-            Begun::Step => end_step(&setup, autoreset, row, observation),
         })?;
+        done = begun.into_iter().try_for_each(|row| row.map(drop)).and(done);
         let mut result = StepResult::default();
         for (i, step) in steps.into_iter().enumerate() {
-            let (outcome, last) = step?;
-            result.outcomes.push(outcome);
-            result.finals.extend(last.map(|last| (i, last)));
+            match step {
+                Ok((outcome, last)) => {
+                    result.outcomes.push(outcome);
+                    result.finals.extend(last.map(|last| (i, last)));
+                }
+                Err(error) => done = done.and(Err(error)),
+            }
         }
         if !result.finals.is_empty() {
-            self.solve_and_settle()?;
+            done = done.and(self.solve_and_settle());
             self.each(|_, row, observation| row.open(&setup, observation))?;
         }
+        done?;
         Ok(StepResult { observation: self.observation.clone(), ..result })
     }
 
@@ -214,16 +221,18 @@ impl Batch {
     }
 
     /// Solves the presses of all rows, then those of the rows whose episode begins in the hand once
-    /// more, after the object has come to rest with the first solutions.
+    /// more, after the object has come to rest with the first solutions. Returns the first error of
+    /// a row, after all others are settled.
     fn solve_and_settle(&mut self) -> Result<()> {
         self.solve_presses();
+        let mut done = Ok(());
         while self.rows.iter().any(Row::is_unsettled) {
             let setup = self.setup.clone();
             let settled = self.each(|_, row, _| row.settle(&setup))?;
-            settled.into_iter().collect::<Result<()>>()?;
+            done = done.and(settled.into_iter().collect());
             self.solve_presses();
         }
-        Ok(())
+        done
     }
 
     /// Solves the presses of all rows in one call.

@@ -453,10 +453,11 @@ fn drawn(
     (parameters, pose, place)
 }
 
-/// Random stream of that `number` beside `random`.
+/// Random stream of that `number`, from 1 to 7, beside `random`. No other episode has it: streams of
+/// the same number, each begun a few draws after the last, would be nearly the same numbers.
 fn stream(random: &ChaCha8Rng, number: u64) -> ChaCha8Rng {
     let mut own = random.clone();
-    own.set_stream(number);
+    own.set_stream((random.get_word_pos() as u64) << 3 | number);
     own
 }
 

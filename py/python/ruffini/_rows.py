@@ -145,7 +145,7 @@ def _reset(
     options: dict[str, Any] | None = None,
 ) -> list[Any]:
     """Reset `rows`, each with the same seed."""
-    check_options(options, ["reset_mask"])
+    check_options(options)
     mask = np.zeros(envs.num_envs, np.bool_)
     mask[list(rows)] = True
     seeds = None if seed is None else [seed if asked else None for asked in mask]

@@ -167,5 +167,6 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
             raise ValueError(f"state: found {type(state).__name__}, expected bytes")
         check_open(self._batch, "set_state")
         self._leave_time_limit()
+        observation = self._restored([state])[0]
         self._started = True
-        return self._spaces.cut(self._restored([state])[0])
+        return self._spaces.cut(observation)

@@ -123,7 +123,6 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(self._spaces.observation, num_envs)
         self.action_space = batch_space(self._spaces.action, num_envs)
         self._started = False
-        self._ended = np.zeros(num_envs, np.bool_)
 
     def reset(
         self,
@@ -147,7 +146,6 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             seeds = [s if chosen else None for s, chosen in zip(seeds, mask, strict=True)]
         observation = self._begin(seeds, mask)
         self._started = True
-        self._ended[slice(None) if mask is None else mask] = False
         return self._spaces.cut(observation), {}
 
     def _seeds(self, seed: Any) -> list[int | None] | None:
@@ -185,6 +183,7 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         """
         check_open(self._batch, "step")
         actions = as_actions(actions, (self.num_envs, ACTION_SIZE))
+        restarted = self._restarted()
         step = self._advance(actions)
         terminated, truncated = step.terminated, step.truncated
         info = self._info(step.terms, step.success, step.ending)
@@ -192,11 +191,15 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             info |= self._press_errors(step.failed)
         if step.finals:
             info = self._with_finals(info, step.finals)
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            if self._ended.any():
-                info = _masked(info, ~self._ended)
-            self._ended = terminated | truncated
+        if restarted.any():
+            info = _masked(info, ~restarted)
         return self._spaces.cut(step.observation), step.reward, terminated, truncated, info
+
+    def _restarted(self) -> NDArray[np.bool_]:
+        """Rows that the next step restarts; a step that was interrupted has ended some, too."""
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
+            return self._batch.ended()
+        return np.zeros(self.num_envs, np.bool_)
 
     def _info(
         self, terms: NDArray[Any], success: NDArray[np.bool_], ending: NDArray[np.uint8]
@@ -290,7 +293,6 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
                 raise ValueError(f"state[{row}]: found {type(state).__name__}, expected bytes")
         observation = self._restored(list(states))
         self._started = True
-        self._ended = self._batch.ended()
         return self._spaces.cut(observation)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:

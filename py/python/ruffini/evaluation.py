@@ -5,10 +5,12 @@ There is one episode per seed, all stepped together; seeds count up from `FIRST_
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import platform
 import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -450,7 +452,17 @@ def _commit() -> str:
 def usable_cores() -> int:
     """Number of cores that this process may use."""
     affinity: Callable[[int], Any] | None = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    cores = len(affinity(0)) if affinity is not None else os.cpu_count() or 1
+    return max(1, min(cores, _quota()))
+
+
+def _quota() -> int:
+    """Cores that the quota of a container allows, rounded up; many if there is none."""
+    try:
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
+        return -(-int(quota) // int(period))
+    except (OSError, ValueError):  # "max" is no quota.
+        return sys.maxsize
 
 
 def processor() -> str:
@@ -466,5 +478,10 @@ def processor() -> str:
 def _caches() -> list[str]:
     """Caches that the first core reaches, if Linux names them."""
     caches = sorted(Path("/sys/devices/system/cpu/cpu0/cache").glob("index*"))
-    found = [[(cache / key).read_text().strip() for key in ("level", "size")] for cache in caches]
+    found = []
+    for cache in caches:
+        # Firmware need not tell their sizes.
+        with contextlib.suppress(OSError):
+            level, size = ((cache / key).read_text().strip() for key in ("level", "size"))
+            found.append((level, size))
     return [f"L{level} {size}" for level, size in found if level > "1"]

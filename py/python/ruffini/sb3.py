@@ -20,9 +20,11 @@ try:
     from stable_baselines3.common.type_aliases import Schedule
     from stable_baselines3.common.vec_env import (
         VecEnv,
+        VecFrameStack,
         VecMonitor,
         VecNormalize,
         is_vecenv_wrapped,
+        unwrap_vec_wrapper,
     )
     from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 except ModuleNotFoundError as error:
@@ -132,10 +134,9 @@ class RuffiniVecEnv(VecEnv):
             raise ValueError(f"autoreset_mode: found {envs.autoreset_mode}, expected SAME_STEP")
         self.envs = envs
         self._infos = infos
-        self.render_mode = envs.render_mode
-        self.metadata = envs.metadata
         self._actions: NDArray[np.float32] | None = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        self.metadata = envs.metadata  # Films have its rate.
 
     def reset(self) -> VecEnvObs:
         """Start an episode in every row, with the seeds given since the last reset."""
@@ -273,11 +274,16 @@ def _check_dict(space: gym.Space[Any]) -> None:
         raise ValueError(f"observation_space: found {found}, expected {expected}")
 
 
-def fields(space: gym.spaces.Dict) -> list[str]:
-    """Names of the tactile channels that are fields, with values at many points of a pad."""
+def fields(space: gym.spaces.Dict, frames: int = 1) -> list[str]:
+    """Names of the tactile channels that are fields, with values at many points of a pad.
+
+    Args:
+        space: Space of the observations.
+        frames: Number of observations that a ``VecFrameStack`` has joined.
+    """
     sizes = {name: int(np.prod(box.shape or ())) for name, box in space.items()}
     felt = [name for name in TACTILE_CHANNELS if name != "predicted_error"]
-    return [name for name, size in sizes.items() if name in felt and size > 2]
+    return [name for name, size in sizes.items() if name in felt and size > 2 * frames]
 
 
 def normalize(envs: VecEnv, **kwargs: Any) -> VecNormalize:
@@ -298,7 +304,8 @@ def normalize(envs: VecEnv, **kwargs: Any) -> VecNormalize:
         envs = VecMonitor(envs, info_keywords=("is_success",))
     keys = None
     if isinstance(envs.observation_space, gym.spaces.Dict):
-        felt = fields(envs.observation_space)
+        stack = unwrap_vec_wrapper(envs, VecFrameStack)
+        felt = fields(envs.observation_space, stack.stacked_obs.n_stack if stack else 1)
         keys = [name for name in envs.observation_space if name not in felt]
     return VecNormalize(envs, **{"norm_reward": False, "norm_obs_keys": keys} | kwargs)
 
@@ -366,7 +373,7 @@ class TouchExtractor(BaseFeaturesExtractor):
     ) -> None:
         _check_dict(observation_space)
         sizes = {name: int(np.prod(box.shape or ())) for name, box in observation_space.items()}
-        for name in fields(observation_space):
+        for name in fields(observation_space, frames):
             if frames < 1 or sizes[name] % (2 * frames):
                 expected = f"a divisor of the {sizes[name] // 2} values of {name} at a pad"
                 raise ValueError(f"frames: found {frames}, expected {expected}")
@@ -374,7 +381,7 @@ class TouchExtractor(BaseFeaturesExtractor):
             name: _checked(name, shape, sizes, frames) for name, shape in (pictures or {}).items()
         }
         self._frames = frames
-        felt = {name: sizes[name] // 2 for name in fields(observation_space)}
+        felt = {name: sizes[name] // 2 for name in fields(observation_space, frames)}
         seen = sum(size for name, size in sizes.items() if name not in felt)
         super().__init__(observation_space, features_dim=seen + 2 * features * len(felt))
         self._channels = list(sizes)

@@ -15,6 +15,7 @@ from typing import Any
 
 from ruffini import dataset
 from ruffini._core import evaluate_surrogate, train_surrogate
+from ruffini._settings import plain
 from ruffini._words import nearest
 
 Watch = Callable[[str, dict[str, Any]], bool]
@@ -93,7 +94,9 @@ def train(
     clock = time.process_time
     if variant != "soft" and (split := _split(data, settings.get("split"))):
         settings["split"] = split
-    card = train_surrogate(data, coarser, out, variant, json.dumps(settings), commit, clock, tell)
+    card = train_surrogate(
+        data, coarser, out, variant, json.dumps(settings, default=plain), commit, clock, tell
+    )
     return None if card is None else dict(json.loads(card))
 
 

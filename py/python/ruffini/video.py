@@ -58,7 +58,7 @@ def write(path: str | PathLike[str], frames: Sequence[RenderFrame], rate: int = 
     path = Path(path)
     if path.suffix.lower() == ".gif":
         shown = _in_few_colors(frames[::_GIF_STRIDE])
-        path.write_bytes(encode_gif(shown, _GIF_STRIDE * 1000 // rate))
+        path.write_bytes(encode_gif(shown, max(10, 10 * round(100 * _GIF_STRIDE / rate))))
         return
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / path.name

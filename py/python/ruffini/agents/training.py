@@ -24,7 +24,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.utils import LinearSchedule, set_random_seed
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
 from tqdm import tqdm
@@ -144,7 +144,8 @@ def resume(
     spaces = {"observation_space": envs.observation_space, "action_space": envs.action_space}
     model = PPO.load(saved / "model.zip", env=normalised, device="cpu", custom_objects=spaces)
     # The environments start anew: other episodes than before, from a stream of their own.
-    normalised.seed(first_seed(about["seed"], done))
+    normalised.seed(again := first_seed(about["seed"], done))
+    set_random_seed(again % 2**32)
     chosen = replace(chosen, steps_without_touch=chosen.steps_without_touch + done)
     return _learn(model, chosen, curve, folder, about, threads)
 
@@ -210,11 +211,20 @@ def make_environment(
     # An agent that is shown touch alone learns nothing without.
     rest = untouched(envs.observation_space)
     if chosen.steps_without_touch > 0 and settings.get("tactile") != "none" and rest:
-        rigid = settings | {"tactile": "none", "observation": rest}
-        first = make_vec_env(env_id, **made, **rigid)
+        first = make_vec_env(env_id, **made, **_rigid(settings, rest))
         envs = FirstWithoutTouch(first, envs, chosen.steps_without_touch)
     monitored = VecMonitor(Timed(envs), info_keywords=("is_success",))
     return normalize(monitored, gamma=chosen.algorithm["gamma"])
+
+
+def _rigid(settings: dict[str, Any], channels: list[str]) -> dict[str, Any]:
+    """Settings with rigid pads, which have no gel, and errors of those `channels` alone."""
+    of_gel = ("gel_stiffness", "network", "sensor_errors")
+    rigid = {name: value for name, value in settings.items() if name not in of_gel}
+    errors = settings.get("sensor_errors") or {}
+    if kept := {name: errors[name] for name in channels if name in errors}:
+        rigid["sensor_errors"] = kept
+    return rigid | {"tactile": "none", "observation": channels}
 
 
 def observed(env_id: str, settings: dict[str, Any]) -> list[str]:
@@ -429,7 +439,10 @@ def _learn(
     about |= {"trained_by": list(dict.fromkeys([*about["trained_by"], commit]))}
     about |= {"threads": threads or min(usable_cores(), chosen.n_envs), "params": asdict(chosen)}
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / RUN).write_text(json.dumps(about, indent=1, default=plain))
+    # Beside it first: a run whose file is cut off could not be resumed.
+    new = folder / f"{RUN}.new"
+    new.write_text(json.dumps(about, indent=1, default=plain))
+    new.replace(folder / RUN)
 
     def agent() -> Agent:
         made = from_sb3(

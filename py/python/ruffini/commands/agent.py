@@ -142,9 +142,10 @@ def _train(options: argparse.Namespace) -> None:
         agent = Agent.read(checkpoint(folder) / CHECKPOINT_AGENT)
         if agent.env_id != env_id:
             raise ValueError(f"task: found {env_id}, expected {agent.env_id}, that of {folder}")
-        asked = read_json(folder / RUN).get("params", {}).get("steps", MOST_STEPS + 1)
-        if options.steps is None and agent.card["steps"] >= asked:
-            print(f"{folder}: has its {agent.card['steps']:,} steps")
+        about = read_json(folder / RUN)
+        done = agent.card["steps"] - about.get("steps_before", 0)
+        if options.steps is None and done >= about.get("params", {}).get("steps", MOST_STEPS + 1):
+            print(f"{folder}: has its {done:,} steps")
             return
     elif options.resume:
         print(f"{folder}: nothing to go on with, a new run")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -152,13 +153,14 @@ class Bar:
 
     def __init__(self, env_id: str, settings: dict[str, Any]) -> None:
         limit = settings.get("max_episode_steps") or gym.spec(env_id).max_episode_steps
-        self._limit, self._shown = limit or 1, -1
+        self._limit, self._shown = limit if limit and limit > 0 else None, -1
 
     def __call__(self, finished: int, episodes: int, steps: int) -> None:
         """Show how far the evaluation is; a callback as `ruffini.evaluation.ProgressCallback`."""
-        share = 1.0 if finished == episodes else min(steps / self._limit, 0.99)
+        share = 1.0 if finished == episodes else min(steps / (self._limit or math.inf), 0.99)
         ended = f"{finished} of {counted(episodes, 'episode')} ended"
-        done = f"step {steps} of at most {self._limit}, {ended}"
+        most = f" of at most {self._limit}" if self._limit else ""
+        done = f"step {steps}{most}, {ended}"
         if sys.stderr.isatty():
             full = int(share * _WIDTH)
             bar = f"[{'#' * full}{'.' * (_WIDTH - full)}] {done}"

@@ -27,8 +27,6 @@ class Custom(Native):
     _is_made = False
     """Whether attributes may be those of the task: the constructor sets the environment's."""
     _task: Task
-    _fresh: Bools
-    """Rows that native restarts in the next step."""
     _drawn: Bools
     """Rows whose next episode has its start."""
 
@@ -41,7 +39,8 @@ class Custom(Native):
         self._task = task()
         # Native is given the name of the base; the attribute of the class is its own.
         self.TASK = task.base  # type: ignore[misc]
-        super().__init__(*args, **{**task.settings, **settings})
+        given = {name: value for name, value in settings.items() if value is not None}
+        super().__init__(*args, **{**task.settings, **given})
         self._is_made = True
 
     @property
@@ -98,7 +97,6 @@ class Custom(Native):
         self._endings = [*ENDINGS, *self._own_endings]
         self._failures = [code for code, name in enumerate(ENDINGS, 1) if name not in RULES]
         self._weights = np.array([self._task.terms[name] for name in self._terms])
-        self._fresh = np.ones(self._count, np.bool_)
         self._streams = [np.random.default_rng(row) for row in range(self._count)]
         self._given: dict[str, Floats] = {}
         self._drawn = np.zeros(self._count, np.bool_)
@@ -128,7 +126,12 @@ class Custom(Native):
                 self._streams[row] = np.random.default_rng(seed)
                 self._drawn[row] = False
         self._draw(rows)
-        observation = super()._begin(seeds, mask)
+        try:
+            observation = super()._begin(seeds, mask)
+        except ValueError:
+            # What native cannot start with is not given again.
+            self._drawn[rows] = False
+            raise
         self._start(observation, rows)
         return self._with_own(observation)
 
@@ -172,7 +175,6 @@ class Custom(Native):
         self._begin_unpaid(rows)
         chosen = np.flatnonzero(rows)
         self._task.start(self._state(observation, chosen), chosen)
-        self._fresh = self._fresh & ~rows
         self._drawn &= ~rows
         if self._autoreset == "SameStep":
             # Native restarts rows within a step, when it is too late to draw.
@@ -233,7 +235,7 @@ class Custom(Native):
 
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         # Rows that native restarts in this step: their action is ignored and nothing is paid.
-        restarted = self._fresh
+        restarted = self._batch.ended() & (self._autoreset == "NextStep")
         self._draw(restarted)
         step = super()._advance(actions)
         self._action = np.clip(actions, np.float32(-1.0), np.float32(1.0))
@@ -298,7 +300,6 @@ class Custom(Native):
             self._batch.end(ended)
         if begun.any():
             self._start(step.observation, begun)
-        self._fresh = over if self._autoreset == "NextStep" else np.zeros(self._count, np.bool_)
         return bool(begun.any())
 
     def _judged_terms(self, state: State) -> Floats:
@@ -344,10 +345,7 @@ class Custom(Native):
     def _restored(self, states: list[bytes]) -> NDArray[np.float32]:
         self._check_snapshots()
         observation = super()._restored(states)
-        ended = self._batch.ended()
-        # Rows that native restarts in the next step are those that it would have restarted.
-        self._fresh = ended if self._autoreset == "NextStep" else np.zeros_like(ended)
-        self._begin_unpaid(np.ones_like(ended))
+        self._begin_unpaid(np.ones(self._count, np.bool_))
         return observation
 
     def _check_snapshots(self) -> None:
