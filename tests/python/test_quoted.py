@@ -117,7 +117,7 @@ def test_quotients_of_speeds_in_the_readme_are_those_of_their_report(words):
     assert [int(number) for number in written] == pytest.approx([min(times), max(times)], rel=0.5)
 
 
-@pytest.mark.parametrize("agent", ["GraspLift", "HoldStill", "GraspFragile"])
+@pytest.mark.parametrize("agent", ["GraspLift", "HoldStill", "GraspFragile", "InsertPeg"])
 def test_episodes_that_the_readme_counts_are_those_of_the_report(agent):
     text = " ".join((ROOT / "README.md").read_text().split())
     [found] = re.findall(rf"{agent}'s (?:wins )?(\d+) of (\d+) \((\d+)", text)
