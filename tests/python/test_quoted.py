@@ -42,7 +42,7 @@ README = [
     ("{} % in stress", "pareto", "panels / unseen / network / errors / stress / median"),
     ("{} to 5 % in force", "unseen", "table / all / network / force / 0"),
     ("{} % in force", "pareto", "panels / unseen / network / errors / force / median"),
-    ("it corrects by {} %,", "unseen", "table / all / linear, on cells / displacement / 0"),
+    ("it corrects is off by {} %,", "unseen", "table / all / linear, on cells / displacement / 0"),
     ("by 12 %, {} % and 4", "unseen", "table / all / linear, on cells / stress / 0"),
     ("% and {} to 6 %. [Where", "unseen", "table / all / linear, on cells / force / 0"),
     (
@@ -53,7 +53,7 @@ README = [
     ("[{} presses made to break it]", "stability", "presses"),
     ("[{} that begin in the gel]", "buried", "presses"),
     ("buried.md) {} were wrong", "buried", "wrong presses"),
-    ("[{} to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
+    ("one thread takes [{} to", "touch_speed", "touching / surrogate / cuboid / steps_per_second"),
     ("{} steps a second]", "touch_speed", "touching / surrogate / sphere / steps_per_second"),
 ]
 """Figures of README: where they stand, between which words, the report, and the keys to them."""
@@ -99,8 +99,9 @@ def test_every_figure_of_the_readme_is_that_of_its_report(phrase, report, keys):
 def test_every_percentage_of_the_readme_is_checked():
     text = (ROOT / "README.md").read_text()
     of_agents = len(re.findall(r"the worst of \d+ seeds", text))
-    # Two of the quickstart, and two in each row of the table: tests/python/test_study.py.
-    checked = sum("{} %" in phrase for phrase, _, _ in README) + 2 + 2 * of_agents
+    # Two of the quickstart, and two in each row of the table: tests/python/test_study.py. One of a
+    # real sensor: below.
+    checked = sum("{} %" in phrase for phrase, _, _ in README) + 3 + 2 * of_agents
     assert text.count(" %") == checked
 
 
@@ -115,6 +116,21 @@ def test_quotients_of_speeds_in_the_readme_are_those_of_their_report(words):
     ]
     # On another machine, or another day, they are others: only their size has to be right.
     assert [int(number) for number in written] == pytest.approx([min(times), max(times)], rel=0.5)
+
+
+def test_the_readme_says_how_soft_the_default_gel_is():
+    text = " ".join((ROOT / "README.md").read_text().split())
+    [written] = re.findall(r"\[(\d+) to (\d+) % softer\]", text)
+    reality = json.loads((REPORTS / "reality.json").read_text())
+    measured = reality["reality_unfitted"]["forces"]
+    cases = json.loads((REPORTS / "fem.json").read_text())["cases"]
+    below = [
+        1 - force / right
+        for name, case in cases.items()
+        if name.startswith("mini tacflex")
+        for force, right in zip(case["force"].values(), measured, strict=True)
+    ]
+    assert [int(number) for number in written] == [round(100 * f(below)) for f in (min, max)]
 
 
 @pytest.mark.parametrize("agent", ["GraspLift", "HoldStill", "GraspFragile", "InsertPeg"])
