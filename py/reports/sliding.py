@@ -295,9 +295,9 @@ def deeps(found: dict[str, Any]) -> str:
         for shape, models in found.items()
     ]
     columns = {"shape": "{shape}"}
-    for key, said in (("lowered", "lowered"), ("dragged", "dragged")):
+    for key in ("lowered", "dragged"):
         for model, short in ((LINEAR, "linear"), ("network", "network"), (REFERENCE, "reference")):
-            columns[f"{said}: {short}"] = f"{{{key} {model}:.2f}}"
+            columns[f"{key}: {short}"] = f"{{{key} {model}:.2f}}"
     for model, short in ((LINEAR, "linear"), ("network", "network")):
         columns[f"mean error: {short}"] = f"{{off {model}:.2f}}"
     of_all = {

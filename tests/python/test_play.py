@@ -96,9 +96,12 @@ def test_it_writes_a_gif_that_shows_the_touch(file, tmp_path):
 
 @pytest.mark.parametrize("rate", [21, 25, 30, 12, 200])
 def test_a_gif_has_any_rate(tmp_path, rate):
+    image = pytest.importorskip("PIL.Image")
     path = tmp_path / "a.gif"
     video.write(path, [np.full((40, 60, 3), 10 * i, np.uint8) for i in range(9)], rate)
-    assert path.stat().st_size > 0
+    with image.open(path) as picture:
+        # Hundredths of a second.
+        assert picture.info["duration"] == pytest.approx(1000 * video._GIF_STRIDE / rate, abs=5.01)
 
 
 def test_what_stands_still_in_a_gif_keeps_its_colour(tmp_path):

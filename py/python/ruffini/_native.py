@@ -137,6 +137,10 @@ class Native:
         """Start episodes in the rows of a mask, or in all; return all observations."""
         return self._batch.reset(seeds, mask)
 
+    def _restarted(self) -> NDArray[np.bool_]:
+        """Rows that the next step restarts; a step that was interrupted has ended some, too."""
+        return self._batch.ended() & (self._autoreset == "NextStep")
+
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         """Take one step in all rows."""
         return StepArrays(*self._batch.step(actions))

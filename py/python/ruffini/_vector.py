@@ -195,12 +195,6 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
             info = _masked(info, ~restarted)
         return self._spaces.cut(step.observation), step.reward, terminated, truncated, info
 
-    def _restarted(self) -> NDArray[np.bool_]:
-        """Rows that the next step restarts; a step that was interrupted has ended some, too."""
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            return self._batch.ended()
-        return np.zeros(self.num_envs, np.bool_)
-
     def _info(
         self, terms: NDArray[Any], success: NDArray[np.bool_], ending: NDArray[np.uint8]
     ) -> dict[str, Any]:

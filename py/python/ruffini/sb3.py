@@ -378,7 +378,7 @@ class TouchExtractor(BaseFeaturesExtractor):
                 expected = f"a divisor of the {sizes[name] // 2} values of {name} at a pad"
                 raise ValueError(f"frames: found {frames}, expected {expected}")
         shapes = {
-            name: _checked(name, shape, sizes, frames) for name, shape in (pictures or {}).items()
+            name: _of_pad(name, shape, sizes, frames) for name, shape in (pictures or {}).items()
         }
         self._frames = frames
         felt = {name: sizes[name] // 2 for name in fields(observation_space, frames)}
@@ -425,7 +425,7 @@ class TouchExtractor(BaseFeaturesExtractor):
         return torch.cat(parts, dim=1)
 
 
-def _checked(
+def _of_pad(
     name: str, shape: Sequence[int], sizes: Mapping[str, int], frames: int
 ) -> tuple[int, int, int]:
     """Shape of a channel of pictures, of which two pads have `frames` each.

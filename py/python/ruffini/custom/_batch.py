@@ -235,7 +235,7 @@ class Custom(Native):
 
     def _advance(self, actions: NDArray[np.float32]) -> StepArrays:
         # Rows that native restarts in this step: their action is ignored and nothing is paid.
-        restarted = self._batch.ended() & (self._autoreset == "NextStep")
+        restarted = self._restarted()
         self._draw(restarted)
         step = super()._advance(actions)
         self._action = np.clip(actions, np.float32(-1.0), np.float32(1.0))
