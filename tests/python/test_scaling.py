@@ -76,3 +76,10 @@ def test_the_cost_tells_how_long_it_takes_and_took(monkeypatch, capsys):
     first, figures, last = capsys.readouterr().out.splitlines()
     assert first.startswith("This takes about a minute on two cores")
     assert figures == "| figures |" and last == "It took 0 s."
+
+
+def test_the_cost_of_python_is_measured_over_recorded_steps():
+    assert 0 < rollout_speed.python_share(0.02) < 1
+    times = rollout_speed.infos_microseconds(4, 0.02)
+    assert list(times) == ["native", "every step", "episode ends"]
+    assert min(times.values()) > 0
