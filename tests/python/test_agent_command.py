@@ -122,6 +122,7 @@ def test_a_run_goes_on(run, tmp_path, capsys):
     for wrong, text in (
         (["train", "GraspLift"], "task: found ruffini/GraspLift-v0, expected ruffini/HoldStill-v0"),
         (["train", "HoldStill", "--settings", '{"tactile": "none"}'], "found channels "),
+        (["train", "HoldStill", "--seed", 5], "seed: found 5, expected 0, that of"),
     ):
         assert command(*wrong, "--steps", 1000, "--resume", "--out", folder) == 2
         assert text in capsys.readouterr().err

@@ -54,6 +54,30 @@ def test_wrappers_that_only_watch_are_taken():
     assert evaluate(watched, LIFT, 1, obs="flat", **RIGID)["episodes"] == 1
 
 
+def test_a_wrapper_in_another_process_is_seen():
+    small = {"n_steps": 4, "batch_size": 4, "n_epochs": 1}
+    for wrapper, text in (
+        (gym.wrappers.NormalizeObservation, "in a NormalizeObservation"),
+        (gym.wrappers.RecordEpisodeStatistics, None),
+    ):
+        envs = vec_env.SubprocVecEnv([lambda wrapper=wrapper: wrapper(flat())])
+        made = sb3.PPO("MlpPolicy", envs, **small)
+        try:
+            if text is None:
+                assert evaluate(made, LIFT, 1, obs="flat", **RIGID)["episodes"] == 1
+                continue
+            with pytest.raises(ValueError, match=text):
+                evaluate(made, LIFT, 1, obs="flat", **RIGID)
+        finally:
+            envs.close()
+
+
+def test_a_loaded_model_of_observations_without_bounds_is_refused(tmp_path):
+    model(lambda: gym.wrappers.NormalizeObservation(flat())).save(tmp_path / "m.zip")
+    with pytest.raises(ValueError, match="found one trained on observations without bounds"):
+        evaluate(sb3.PPO.load(tmp_path / "m.zip"), LIFT, 1, obs="flat", **RIGID)
+
+
 def test_a_loaded_model_with_other_actions_is_refused(tmp_path):
     model(lambda: gym.wrappers.RescaleAction(flat(), LOW, -LOW)).save(tmp_path / "m.zip")
     with pytest.raises(ValueError, match=r"actions from -0\.1 to 0\.1, expected -1 to 1"):

@@ -20,6 +20,7 @@ import pytest
 from tiny_dataset import TINY
 
 from ruffini import Shape, SimulationError, dataset, video
+from ruffini._spaces import replace_file
 from ruffini.commands import main
 from ruffini.policies import RandomPolicy
 
@@ -72,6 +73,25 @@ def refused(words, capsys) -> str:
     assert main([str(word) for word in words]) == 2
     said = capsys.readouterr().err.splitlines()
     return next(line for line in said if line.startswith("ruffini: "))
+
+
+def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path, monkeypatch):
+    file = tmp_path / "sensor.toml"
+    replace_file(file, "whole")
+    file.chmod(0o640)
+    replace_file(file, "whole again")
+    assert file.read_text() == "whole again" and file.stat().st_mode & 0o777 == 0o640
+
+    def half(path, data):
+        with path.open("wb") as opened:
+            opened.write(data[:2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(ValueError, match=r"sensor\.toml: No space left"):
+        replace_file(file, "other")
+    assert file.read_text() == "whole again"
+    assert list(tmp_path.iterdir()) == [file]
 
 
 def test_an_evaluation_on_a_full_disk_names_its_file(full, capsys):

@@ -100,6 +100,17 @@ def test_make_sets_the_time_limit(limit):
     assert observation["time"] == pytest.approx(0.04 * limit)
 
 
+def test_a_registration_without_a_time_limit_has_that_of_the_task():
+    gym.register("test/Lift-v0", entry_point="ruffini.envs:GraspLiftEnv")
+    try:
+        env = gym.make("test/Lift-v0", objects="sphere", mass=0.1, **RIGID)
+        env.reset(seed=0)
+    finally:
+        gym.registry.pop("test/Lift-v0")
+    ends = [env.step(np.zeros(5, np.float32))[3] for _ in range(100)]
+    assert ends == [False] * 99 + [True]
+
+
 def test_the_frame_rate_is_that_of_the_steps():
     task, rigid = "ruffini/GraspLift-v0", {"tactile": "none"}
     fast = rigid | {"physics": {"control_period": 0.02, "time_step": 0.002}}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ruffini import TASKS
+from ruffini.evaluation import evaluate
 from ruffini.policies import RandomPolicy, scripted
 
 COARSE = {"tactile": "compliance"}
@@ -40,6 +41,17 @@ def test_a_random_policy_takes_one_observation():
     alone = {name: values[0] for name, values in seen.items()}
     assert RandomPolicy().predict(alone)[0].shape == (5,)
     assert RandomPolicy().predict(np.zeros((2, 30), np.float32))[0].shape == (2, 5)
+
+
+def test_an_episode_of_a_random_policy_is_the_same_alone_and_among_others():
+    settings = {"tactile": "none", "max_episode_steps": 10}
+    together = evaluate(RandomPolicy(), "GraspLift", 3, **settings)["outcomes"]
+    assert together[2] != together[1]
+    for each in together:
+        alone = evaluate(RandomPolicy(), "GraspLift", 1, first_seed=each["seed"], **settings)
+        assert alone["outcomes"] == [each]
+    seen = {"proprio": np.zeros((1, 13), np.float32)}
+    assert np.ptp([RandomPolicy(seed).predict(seen)[0] for seed in range(4)], axis=0).min() > 0
 
 
 def test_calls_without_the_state_that_a_policy_keeps_are_warned_of_once():
@@ -87,7 +99,7 @@ def test_with_every_automatic_reset_the_page_finds_the_last_step():
     assert counted["NextStep"] == counted["SameStep"] == (4, 4)
 
 
-def test_an_ending_in_the_last_step_truncates_where_make_counts_the_time():
+def test_an_ending_in_the_last_step_truncates_in_a_batch_as_by_make():
     settings = {**COARSE, "objects": "sphere"}
     grip = np.ones(5, np.float32)
 
@@ -103,4 +115,4 @@ def test_an_ending_in_the_last_step_truncates_where_make_counts_the_time():
     assert not truncated
     limited = {"max_episode_steps": steps, **settings}
     assert until_over(gym.make(FRAGILE, **limited), grip) == (steps, True)
-    assert until_over(gym.make_vec(FRAGILE, 1, **limited), grip[None]) == (steps, False)
+    assert until_over(gym.make_vec(FRAGILE, 1, **limited), grip[None]) == (steps, True)

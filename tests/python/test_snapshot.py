@@ -77,6 +77,20 @@ def test_a_state_that_does_not_fit_is_refused_and_changes_nothing():
         GraspLiftVectorEnv(2, tactile="none").set_state([good, "text"])
 
 
+def test_an_environment_that_was_never_reset_has_no_state():
+    lift = "ruffini/GraspLift-v0"
+    for envs in (gym.make(lift).unwrapped, gym.make_vec(lift, 2)):
+        with pytest.raises(ValueError, match=r"^state: found an environment that was never reset"):
+            envs.state()
+        with pytest.raises(ValueError):
+            envs.set_state([b"damaged"] * 2 if hasattr(envs, "num_envs") else b"damaged")
+        starts = []
+        for _ in range(2):
+            envs.reset()
+            starts.append(envs.state())
+        assert starts[0] != starts[1]
+
+
 def test_a_state_fits_however_the_environment_was_made():
     made = gym.make("ruffini/GraspLift-v0", max_episode_steps=500).unwrapped
     row = GraspLiftVectorEnv(1)

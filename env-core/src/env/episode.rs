@@ -71,9 +71,10 @@ pub struct Outcome {
     pub reward: f64,
     /// Each term, in [0, 1].
     pub terms: RewardTerms,
-    /// `true` if the episode ended before its time limit.
+    /// `true` if a rule or an error ended the episode.
     pub terminated: bool,
-    /// `true` if the episode reached its time limit.
+    /// `true` if the episode reached its time limit, whatever else happened in its last step, as
+    /// gymnasium's `TimeLimit` has it.
     pub truncated: bool,
     /// `true` if the task is done.
     pub is_success: bool,
@@ -320,6 +321,11 @@ impl Episode {
         costs.time(PRESS, || self.motion(setup, state, poses))
     }
 
+    /// Returns whether the episode has had all its steps.
+    pub(super) fn is_out_of_time(&self, setup: &Setup) -> bool {
+        self.steps >= setup.config.max_episode_steps
+    }
+
     /// Ends the step that led to `motion`. `observation` holds the previous observation on entry
     /// and keeps it if the new one has an entry outside its declared range.
     pub(super) fn conclude(
@@ -364,7 +370,7 @@ impl Episode {
             reward: terms.reward(&config.reward),
             terms,
             terminated: ending.is_some(),
-            truncated: ending.is_none() && self.steps >= config.max_episode_steps,
+            truncated: false,
             // What ended the episode early has failed, whatever it had reached.
             is_success: ending.is_none() && config.task.is_success(&step, &progress, config),
             ending,

@@ -179,9 +179,10 @@ impl Row {
         let episode = self.episode.as_mut().expect("callers reset a row before they step it");
         let (motion, costs) = (self.motion.take(), &mut self.costs);
         let mut conclude = |motion| episode.conclude(setup, motion, observation, scratch, costs);
-        let outcome = motion
+        let mut outcome = motion
             .and_then(|motion| guarded(|| conclude(motion)).ok())
             .unwrap_or_else(|| Outcome::ended(Ending::EngineError));
+        outcome.truncated = episode.is_out_of_time(setup);
         episode.over = outcome.terminated || outcome.truncated;
         outcome
     }

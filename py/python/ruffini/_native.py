@@ -81,6 +81,8 @@ class Native:
     """Number of environments."""
     _threads: int
     _autoreset: str
+    _started = False
+    """Whether an episode was ever started."""
 
     def __init_subclass__(cls, *, task: str | None = None, **kwargs: Any) -> None:
         """Make a subclass the environment of a task: its specification, its parent's arguments."""
@@ -105,6 +107,11 @@ class Native:
         """Raise a ``ValueError`` if setting an attribute from outside would change nothing."""
         if name in SETTINGS or (name in self._ARGUMENTS and not hasattr(self, name)):
             raise _change(name)
+
+    def _check_started(self) -> None:
+        """Raise a ``ValueError`` if no episode was ever started, so that there is no state."""
+        if not self._started:
+            raise ValueError("state: found an environment that was never reset; call reset() first")
 
     def _make(self, renderer: Renderer, obs: str, settings: dict[str, Any]) -> None:
         """Create the batch; the number of rows, threads and the autoreset mode are set before."""

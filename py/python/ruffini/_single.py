@@ -86,11 +86,12 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         name = "max_episode_steps"
         if self.spec is None or name in self.spec.kwargs or self._settings.get(name) == NO_LIMIT:
             return
+        registered = gym.registry.get(self.spec.id)
+        if registered is not None and registered.max_episode_steps is None:
+            return  # No wrapper limits it, so the task's own limit holds.
         self._settings[name] = NO_LIMIT
         self._batch = self._new_batch()
         self._started = False
-
-    _started = False
 
     def close(self) -> None:
         """End the use of the environment and free its memory; all else is an error from then on."""
@@ -154,7 +155,12 @@ class NativeEnv(Native, gym.Env[Observation, NDArray[np.float32]]):
         return self._renderer.draw(self._batch, 0, camera)
 
     def state(self) -> bytes:
-        """Snapshot as bytes of everything on which the environment's future depends."""
+        """Snapshot as bytes of everything on which the environment's future depends.
+
+        Raises:
+            ValueError: If it was never reset.
+        """
+        self._check_started()
         return self._saved()[0]
 
     def set_state(self, state: bytes) -> Observation:

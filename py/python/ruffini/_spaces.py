@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import shutil
 import sys
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -213,6 +214,28 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror or error}") from None
+
+
+def replace_file(path: Path, content: str | bytes) -> None:
+    """Write a file beside it and put it in its place, so that what is there stays whole.
+
+    Raises:
+        ValueError: If it cannot be written.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    with writing(path):
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)  # /dev/stdout or the like
+            return
+        target = path.resolve()
+        new = target.with_name(f".{target.name}.{os.getpid()}.new")
+        try:
+            new.write_bytes(data)
+            if target.exists():
+                shutil.copymode(target, new)
+            new.replace(target)
+        finally:
+            new.unlink(missing_ok=True)
 
 
 def check_options(options: Any, known: Sequence[str] = ()) -> None:

@@ -271,7 +271,12 @@ class NativeVectorEnv(Native, VectorEnv[Any, Any, Any]):
         return None if self.render_mode is None else self._renderer.draw(self._batch, row, camera)
 
     def state(self) -> list[bytes]:
-        """Snapshot of each row as bytes of everything on which its future depends."""
+        """Snapshot of each row as bytes of everything on which its future depends.
+
+        Raises:
+            ValueError: If the environments were never reset.
+        """
+        self._check_started()
         return self._saved()
 
     def set_state(self, states: Sequence[bytes]) -> Any:

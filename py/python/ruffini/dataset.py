@@ -334,15 +334,25 @@ class Dataset:
             KeyError: If there is no such grasp.
             ValueError: If there is no such field.
         """
+        column: NDArray[Any] = self._slice(grasp, field)[:]
+        return column
+
+    def _slice(self, grasp: str, field: str) -> Any:
+        """A field of all frames of a grasp, of which nothing is read yet."""
+        from safetensors import SafetensorError
+
         file, _ = self._grasps[self._number_of(grasp)]
         tensors, prefix = self._tensors(file), f"{_number(grasp)}."
-        own = filter(lambda name: name.startswith(prefix), tensors.keys())
-        known = sorted(name.removeprefix(prefix) for name in own)
-        if field not in known:
+        try:
+            return tensors.get_slice(prefix + field)
+        except SafetensorError:
+            own = filter(lambda name: name.startswith(prefix), tensors.keys())
+            known = sorted(name.removeprefix(prefix) for name in own)
+            if field in known:
+                raise
             expected = f"one of {', '.join(known)}"
-            raise ValueError(f"field: found {field!r}{nearest(field, known)} expected {expected}")
-        column: NDArray[Any] = tensors.get_tensor(prefix + field)
-        return column
+            hint = f"field: found {field!r}{nearest(field, known)} expected {expected}"
+            raise ValueError(hint) from None
 
     def export(self, index: int, path: str | PathLike[str]) -> list[Path]:
         """Write a frame's fields on their meshes; see `Frame.write`.
@@ -504,12 +514,12 @@ class Dataset:
 
     def _anchors(self, grasp: str, part: str, number: int) -> NDArray[np.float32]:
         counts = self.column(grasp, f"{part}.anchors").astype(int)
-        own = slice(counts[:number].sum(), counts[: number + 1].sum())
-        place = self.column(grasp, f"{part}.anchor_place")[own]
+        own = slice(int(counts[:number].sum()), int(counts[: number + 1].sum()))
+        place = self._slice(grasp, f"{part}.anchor_place")[own]
         if self.manifest["format"] == 1:
-            rest = self.column(grasp, f"{part}.anchor_rest")[own]
+            rest = self._slice(grasp, f"{part}.anchor_rest")[own]
         else:
-            points = self.column(grasp, f"{part}.anchor_point")[own]
+            points = self._slice(grasp, f"{part}.anchor_point")[own]
             file = self._mesh_file(grasp)
             tensors = self._tensors(file)
             with _reading(self.path / file, IndexError):

@@ -129,7 +129,16 @@ def evaluate(
     envs = gym.make_vec(
         env_id, num_envs=episodes, autoreset_mode=AutoresetMode.DISABLED, **settings
     )
-    acting = as_policy(policy, envs.single_observation_space)
+    with contextlib.closing(envs):
+        acting = as_policy(policy, envs.single_observation_space)
+        return {"env": env_id} | _evaluated(acting, envs, first_seed, progress)
+
+
+def _evaluated(
+    acting: Policy, envs: gym.vector.VectorEnv, first_seed: int, progress: ProgressCallback | None
+) -> dict[str, Any]:
+    """Play an episode in every row; see `evaluate`."""
+    episodes = envs.num_envs
     observation, _ = envs.reset(seed=first_seed)
     objects = [envs.look(row)["object"] for row in range(episodes)]  # type: ignore[attr-defined]
     returns, success = np.zeros(episodes), np.zeros(episodes, bool)
@@ -160,7 +169,6 @@ def evaluate(
         for rows in [[row for row, other in enumerate(objects) if other == name]]
     }
     return {
-        "env": env_id,
         "episodes": episodes,
         "first_seed": first_seed,
         "success": float(success.mean()),
@@ -272,20 +280,30 @@ def check_wrappers(model: Any) -> None:
         kind = type(envs)
         ours = kind.__module__.startswith("ruffini.")
         if not (ours or (_is_sb3(kind) and kind.__name__ in _TRANSPARENT)):
-            raise _wrapped(kind, _TRANSPARENT[:2])
+            raise _wrapped(kind.__name__, _TRANSPARENT[:2])
         envs = envs.venv
     # Single environments, as those of a DummyVecEnv, have wrappers of their own.
     singles = getattr(envs, "envs", None)
-    for env in singles if isinstance(singles, list) else ():
-        while isinstance(env, gym.Wrapper):
-            if type(env).__name__ not in _WATCHING:
-                raise _wrapped(type(env), _WATCHING[:1])
-            env = env.env
+    if isinstance(singles, list):
+        for env in singles:
+            while isinstance(env, gym.Wrapper):
+                _check_watching(type(env).__name__)
+                env = env.env
+    elif envs is not None and type(envs).__name__ == "SubprocVecEnv":
+        # Those of other processes tell what they were made of.
+        for spec in envs.get_attr("spec"):
+            for wrapper in getattr(spec, "additional_wrappers", ()):
+                _check_watching(wrapper.name)
 
 
-def _wrapped(kind: type, but: Sequence[str]) -> ValueError:
+def _check_watching(wrapper: str) -> None:
+    if wrapper not in _WATCHING:
+        raise _wrapped(wrapper, _WATCHING[:1])
+
+
+def _wrapped(kind: str, but: Sequence[str]) -> ValueError:
     return ValueError(
-        f"policy: found a model whose environments are in a {kind.__name__}, which is left "
+        f"policy: found a model whose environments are in a {kind}, which is left "
         f"out here, expected none but {' and '.join(but)}: judge it by "
         "stable_baselines3.common.evaluation.evaluate_policy(model, model.get_env()), or "
         "pass a function of observations that does what the wrapper does"
@@ -371,6 +389,12 @@ def _check_same(trained: gym.Space[Any], space: gym.Space[Any]) -> None:
                 "env.unwrapped.channels(): pass the list observation that it was trained with; "
                 "FlattenObservation sorts the channels, obs='flat' does not"
             )
+        if _has_bounds(space) and not _has_bounds(trained):
+            raise ValueError(
+                "policy: found one trained on observations without bounds, as a wrapper such as "
+                "NormalizeObservation makes them, expected those of the environment: pass a "
+                "function of observations that does what the wrapper does"
+            )
         return
 
     def told(shapes: dict[str, Any]) -> str:
@@ -393,6 +417,12 @@ def _is_reordered(trained: gym.Space[Any], space: gym.Space[Any]) -> bool:
     if np.allclose(ours, theirs):
         return False
     return np.allclose(sorted(ours.tolist()), sorted(theirs.tolist()))
+
+
+def _has_bounds(space: gym.Space[Any]) -> bool:
+    """Return whether every number of a space has finite bounds."""
+    boxes = list(space.values()) if isinstance(space, gym.spaces.Dict) else [space]
+    return all(box.is_bounded() for box in boxes if isinstance(box, gym.spaces.Box))
 
 
 def _within(observation: Any, space: Any) -> bool:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import itertools
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -49,24 +51,22 @@ def check(path: str | PathLike[str]) -> Path:
     return path
 
 
-def write(path: str | PathLike[str], frames: Sequence[RenderFrame], rate: int = 25) -> None:
+def write(path: str | PathLike[str], frames: Iterable[RenderFrame], rate: int = 25) -> None:
     """Write `frames`, arrays (height, width, 3), at `rate` frames a second.
+
+    Those of an .mp4 file are encoded as they come, those of a .gif file are gathered first.
 
     Raises:
         OSError: If the file cannot be written, or ffmpeg fails.
     """
     path = Path(path)
     if path.suffix.lower() == ".gif":
-        shown = _in_few_colors(frames[::_GIF_STRIDE])
+        shown = _in_few_colors(list(itertools.islice(frames, 0, None, _GIF_STRIDE)))
         path.write_bytes(encode_gif(shown, max(10, 10 * round(100 * _GIF_STRIDE / rate))))
         return
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / path.name
-        try:
-            _encode(film, frames, rate)
-        except (OSError, RuntimeError) as error:
-            # What follows is the command line of ffmpeg.
-            raise OSError(f"ffmpeg: {str(error).splitlines()[0]}") from None
+        _encode(film, frames, rate)
         if not film.exists():
             raise OSError("ffmpeg wrote nothing")
         # By ourselves, for ffmpeg does not say why it cannot.
@@ -103,15 +103,28 @@ def _in_few_colors(frames: Sequence[RenderFrame]) -> list[RenderFrame]:
     return list(colors.astype(np.uint8)[places.reshape(packed.shape)])
 
 
-def _encode(path: Path, frames: Sequence[RenderFrame], rate: int = 25) -> None:
+def _encode(path: Path, frames: Iterable[RenderFrame], rate: int = 25) -> None:
     """Have ffmpeg write a video, and print nothing."""
-    height, width, _ = frames[0].shape
+    coming = iter(frames)
+    first = next(coming)
+    height, width, _ = first.shape
     size = width, height
     writer = _ffmpeg().write_frames(path, size, fps=rate, ffmpeg_log_level="quiet")
-    writer.send(None)
-    for frame in frames:
-        writer.send(np.ascontiguousarray(frame))
-    writer.close()
+    with contextlib.closing(writer):
+        with _naming_ffmpeg():
+            writer.send(None)
+        for frame in itertools.chain([first], coming):
+            with _naming_ffmpeg():
+                writer.send(np.ascontiguousarray(frame))
+
+
+@contextlib.contextmanager
+def _naming_ffmpeg() -> Iterator[None]:
+    """Raise what ffmpeg says without its command line, which follows."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise OSError(f"ffmpeg: {str(error).splitlines()[0]}") from None
 
 
 def film(
@@ -141,27 +154,32 @@ def film(
         raise ValueError("seeds: found none, expected at least one")
     env_id = full_id(env_id)
     size = dict(zip(("width", "height"), SIZES[path.suffix.lower()], strict=True))
-    env = gym.make(env_id, render_mode="rgb_array", **size | settings)
-    acting = as_policy(policy, env.observation_space)
-    frames: list[RenderFrame] = []
-    endings = []
+    endings: list[str] = []
+    with contextlib.closing(gym.make(env_id, render_mode="rgb_array", **size | settings)) as env:
+        acting = as_policy(policy, env.observation_space)
+        try:
+            write(path, _played(acting, env, seeds, endings), env.metadata["render_fps"])
+        except OSError as error:
+            raise SimulationError(f"video: {path}: {error.strerror or error}") from None
+    megabytes = path.stat().st_size / 1e6
+    return f"{path}: {counted(len(seeds), 'episode')} ({', '.join(endings)}), {megabytes:.1f} MB"
+
+
+def _played(
+    acting: Policy, env: gym.Env[Any, Any], seeds: Sequence[int], endings: list[str]
+) -> Iterator[RenderFrame]:
+    """Pictures of a policy's episodes as they are played, with a pause after each."""
     for seed in seeds:
         observation, _ = env.reset(seed=seed)
-        frames.append(_picture(env))
+        yield (picture := _picture(env))
         over, state = False, None
         while not over:
             action, state = acting.predict(_row(observation), state, deterministic=True)
             observation, _, terminated, truncated, info = env.step(action[0])
-            frames.append(_picture(env))
+            yield (picture := _picture(env))
             over = terminated or truncated
-        frames += frames[-1:] * _PAUSE
+        yield from itertools.repeat(picture, _PAUSE)
         endings.append("success" if info["is_success"] else info.get("ending", "failure"))
-    try:
-        write(path, frames, env.metadata["render_fps"])
-    except OSError as error:
-        raise SimulationError(f"video: {path}: {error.strerror or error}") from None
-    megabytes = path.stat().st_size / 1e6
-    return f"{path}: {counted(len(seeds), 'episode')} ({', '.join(endings)}), {megabytes:.1f} MB"
 
 
 def _row(observation: Any) -> Any:

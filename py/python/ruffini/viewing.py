@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ruffini._core import STRESS_COLORS, TetMesh
 from ruffini._frames import turned
 from ruffini._schema import control_period
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import check_writable, replace_file
 from ruffini._words import counted
 
 __all__ = ["Rigid", "Scene", "Skin", "Soft", "ViewerFrame", "check", "nodal", "traction", "view"]
@@ -239,8 +239,7 @@ class Scene:
                 self.show(frame, sequence, number)
                 recording.insert_sleep(frame.seconds)
         page = recording.as_html()
-        with writing(out):
-            out.write_text(page)
+        replace_file(out, page)
         return len(frames)
 
     def live(self, sequences: Iterable[Iterable[ViewerFrame]]) -> None:

@@ -67,7 +67,11 @@ def load(name: str | PathLike[str]) -> Agent:
     if path.suffix == SUFFIX:
         return Agent.read(path)
     if (path / RUN).is_file():
-        return Agent.read(checkpoint(path) / CHECKPOINT_AGENT)
+        try:
+            return Agent.read(checkpoint(path) / CHECKPOINT_AGENT)
+        except FileNotFoundError:
+            # The run was just replacing its checkpoint.
+            return Agent.read(checkpoint(path) / CHECKPOINT_AGENT)
     known = ", ".join(names()) or "none, for this build has no agents"
     expected = f"the path of a {SUFFIX} file, the folder of a run, or one of: {known}"
     try:

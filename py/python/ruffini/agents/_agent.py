@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ruffini._core import read_tensors, write_tensors
-from ruffini._spaces import ACTION_SIZE, writing
+from ruffini._spaces import ACTION_SIZE, replace_file
 from ruffini.evaluation import ProgressCallback, evaluate
 
 FORMAT = 1
@@ -161,8 +161,7 @@ class Agent:
         Raises:
             ValueError: If it cannot be written.
         """
-        with writing(Path(path)):
-            Path(path).write_bytes(self.to_bytes())
+        replace_file(Path(path), self.to_bytes())
 
     def evaluate(self, episodes: int = 200, progress: ProgressCallback | None = None) -> None:
         """Evaluate the agent in its environment, and put the result on its card.

@@ -31,7 +31,7 @@ from tqdm import tqdm
 
 from ruffini._schema import TACTILE_CHANNELS
 from ruffini._settings import plain, read_json
-from ruffini._spaces import MOST_STEPS, check_count
+from ruffini._spaces import MOST_STEPS, check_count, replace_file
 from ruffini.agents import CHECKPOINT, CHECKPOINT_AGENT, RUN, Agent, checkpoint, first_seed
 from ruffini.agents.params import Params, params
 from ruffini.agents.sb3 import from_sb3, to_sb3
@@ -44,6 +44,18 @@ SAVE_EVERY = 600.0
 """Longest time between two checkpoints (s), beside that of a rollout."""
 
 
+@contextmanager
+def _on_one_thread() -> Iterator[None]:
+    """Have PyTorch compute on one thread, and give back those that it had."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@_on_one_thread()
 def train(
     env_id: str,
     seed: int,
@@ -61,7 +73,8 @@ def train(
     and by an interrupt. In the main thread SIGTERM is an interrupt, too, and SIGUSR1 has one saved
     at the end of the rollout. The environments step on many threads and the network learns
     on one: its layers are too small to share, and sums by several threads would differ in their
-    last bits, so that a seed would not give the same agent on another number of cores.
+    last bits, so that a seed would not give the same agent on another number of cores. PyTorch has
+    its number of threads back afterwards.
 
     Args:
         env_id: Id of the environment.
@@ -79,7 +92,6 @@ def train(
         ValueError: If the task is unknown, a setting is invalid, or the channels of the
             environment are not those of the agent.
     """
-    torch.set_num_threads(1)
     chosen = _sized(params(env_id), steps, n_envs)
     if agent is not None:
         form = "flat" if agent.card["policy"] == "MlpPolicy" else "dict"
@@ -96,6 +108,7 @@ def train(
     return _learn(model, chosen, [], folder, about, threads)
 
 
+@_on_one_thread()
 def resume(
     folder: Path,
     *,
@@ -116,7 +129,6 @@ def resume(
     Raises:
         ValueError: If the run has its steps, or its policy does not fit the settings.
     """
-    torch.set_num_threads(1)
     about = read_json(folder / RUN)
     with _reading(folder / RUN):
         chosen = Params(**about.pop("params"))
@@ -382,7 +394,7 @@ class RunMonitor(BaseCallback):
         whole, inside = time.monotonic() - self.started, self.environment.spent
         times = {"environment": inside, "collecting": self.collected - inside}
         times["updating"] = whole - self.collected
-        (self.folder / "times.json").write_text(json.dumps(times))
+        replace_file(self.folder / "times.json", json.dumps(times))
 
     def save(self) -> None:
         """Writes a whole new checkpoint beside the old one, then takes its place."""
@@ -439,10 +451,8 @@ def _learn(
     about |= {"trained_by": list(dict.fromkeys([*about["trained_by"], commit]))}
     about |= {"threads": threads or min(usable_cores(), chosen.n_envs), "params": asdict(chosen)}
     folder.mkdir(parents=True, exist_ok=True)
-    # Beside it first: a run whose file is cut off could not be resumed.
-    new = folder / f"{RUN}.new"
-    new.write_text(json.dumps(about, indent=1, default=plain))
-    new.replace(folder / RUN)
+    # A run whose file is cut off could not be resumed.
+    replace_file(folder / RUN, json.dumps(about, indent=1, default=plain))
 
     def agent() -> Agent:
         made = from_sb3(

@@ -15,7 +15,7 @@ from ruffini._spaces import (
     MOST_THREADS,
     check_count,
     check_writable,
-    writing,
+    replace_file,
 )
 from ruffini.agents import (
     CHECKPOINT_AGENT,
@@ -64,7 +64,7 @@ def _add_train(parts: Any) -> None:
         "last checkpoint, at any time.",
     )
     parser.add_argument("task", help="a task, such as GraspLift or its id")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the run; 0 if not given")
+    parser.add_argument("--seed", type=int, help="seed of the run; 0 if not given")
     parser.add_argument(
         "--steps",
         type=int,
@@ -129,10 +129,11 @@ def _train(options: argparse.Namespace) -> None:
     for name, most in limits.items():
         if given[name] is not None:
             check_count(name.replace("_", "-"), given[name], most)
-    if not 0 <= options.seed < 2**32:
-        raise ValueError(f"seed: found {options.seed}, expected a whole number from 0 below 2**32")
+    seed = 0 if options.seed is None else options.seed
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed: found {seed}, expected a whole number from 0 below 2**32")
     changes = settings(options.settings)
-    folder = options.out or Path("runs", f"{env_id.split('/')[-1]}-{options.seed}")
+    folder = options.out or Path("runs", f"{env_id.split('/')[-1]}-{seed}")
     if last_checkpoint(folder) is not None and not options.resume:
         raise ValueError(f"out: {folder} holds a run: give --resume to go on, or another --out")
     agent = load(options.begin) if options.begin is not None else None
@@ -143,6 +144,9 @@ def _train(options: argparse.Namespace) -> None:
         if agent.env_id != env_id:
             raise ValueError(f"task: found {env_id}, expected {agent.env_id}, that of {folder}")
         about = read_json(folder / RUN)
+        begun = about.get("seed", options.seed)
+        if options.seed not in (None, begun):
+            raise ValueError(f"seed: found {seed}, expected {begun}, that of {folder}")
         done = agent.card["steps"] - about.get("steps_before", 0)
         if options.steps is None and done >= about.get("params", {}).get("steps", MOST_STEPS + 1):
             print(f"{folder}: has its {done:,} steps")
@@ -164,7 +168,7 @@ def _train(options: argparse.Namespace) -> None:
         if resumes:
             training.resume(folder, settings=changes, **given)
         else:
-            training.train(env_id, options.seed, folder, settings=changes, agent=agent, **given)
+            training.train(env_id, seed, folder, settings=changes, agent=agent, **given)
     except KeyboardInterrupt:
         if last_checkpoint(folder) is not None:
             print(f"\n{folder}: --resume goes on from the last checkpoint", file=sys.stderr)
@@ -188,8 +192,7 @@ def _evaluate(options: argparse.Namespace) -> None:
     if options.json is not None:
         about = {"policy": name, "settings": chosen.settings}
         document = about | result | about_this_run()
-        with writing(options.json):
-            options.json.write_text(json.dumps(document, indent=1) + "\n")
+        replace_file(options.json, json.dumps(document, indent=1) + "\n")
 
 
 def _export(options: argparse.Namespace) -> None:

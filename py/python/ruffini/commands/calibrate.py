@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ruffini import OBJECTS
 from ruffini._core import read_sensor
 from ruffini._plot import check
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import check_writable, replace_file, writing
 from ruffini._words import counted
 from ruffini.commands import shapes
 from ruffini.commands.fitting import (
@@ -337,8 +337,7 @@ def _write(options: argparse.Namespace, sensor: Mapping[str, Any], fit: Fit, mat
         thickness = fit.values["thickness"] * sensor["outline"]["thickness"]
         line = re.compile("^thickness *=.*", re.MULTILINE)
         text = line.sub(f"thickness = {thickness:.6f}", text, count=1)
-    with writing(options.out):
-        options.out.write_text(text)
+    replace_file(options.out, text)
     read_sensor(str(options.out))
     print(f"{options.out}: its elastic foundation is found by ruffini sensor check --fit")
 

@@ -13,7 +13,7 @@ import gymnasium as gym
 
 from ruffini._core import check_mesh
 from ruffini._schema import TASKS
-from ruffini._spaces import writing
+from ruffini._spaces import replace_file
 
 _SIZES = 0.001, 0.3
 """Lengths of the longest edge of an object that a hand may grasp (m)."""
@@ -202,6 +202,5 @@ def _repair(file: Path, out: Path) -> list[str]:
             f"expected a closed surface: mend larger ones in MeshLab or Blender"
         )
     content = mesh.export(file_type=out.suffix.lower()[1:])
-    with writing(out):
-        out.write_bytes(content.encode() if isinstance(content, str) else content)
+    replace_file(out, content)
     return [f"{'repaired':<12} {change}" for change in said or ["nothing to mend"]]

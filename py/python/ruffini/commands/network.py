@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ruffini import surrogate
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import check_writable, replace_file
 
 _SETTINGS = {
     "seed": (int, "seed of weights and batches; 0 if not given"),
@@ -181,8 +181,7 @@ def _evaluate(options: argparse.Namespace) -> None:
         where = f"of {options.split}" if options.split else "of the split"
         raise ValueError(f"{options.data}: no frames in the test part {where}")
     if options.json is not None:
-        with writing(options.json):
-            options.json.write_text(json.dumps(frames))
+        replace_file(options.json, json.dumps(frames))
     by_object: dict[str, list[dict[str, Any]]] = {}
     for frame in frames:
         by_object.setdefault(frame["grasp"].split("/")[0], []).append(frame)

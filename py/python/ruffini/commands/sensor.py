@@ -17,7 +17,7 @@ import ruffini
 from ruffini._core import fit_foundation, read_sensor, sensor_names, sensor_template
 from ruffini._plot import check
 from ruffini._schema import TASKS
-from ruffini._spaces import check_writable, writing
+from ruffini._spaces import check_writable, replace_file, writing
 from ruffini._trained_gels import SHIPPED, unlike
 from ruffini.commands.press import touching_height
 
@@ -88,8 +88,7 @@ def _template(options: argparse.Namespace) -> None:
         raise ValueError(f"out: found {options.out}, expected a name that ends in .toml")
     if options.out.exists():
         raise ValueError(f"{options.out}: exists, expected a new file")
-    with writing(options.out):
-        options.out.write_text(text)
+    replace_file(options.out, text)
     print(options.out)
 
 
@@ -282,8 +281,7 @@ def _fit(file: str, calibrations: list[dict[str, Any]], nodes: int) -> None:
         parts = re.split(r"^(\[\[calibration\]\].*\n)", path.read_text(), flags=re.MULTILINE)
         for number, line in lines.items():
             parts[2 * number + 1] += line + "\n"
-        with writing(path):
-            path.write_text("".join(parts))
+        replace_file(path, "".join(parts))
         print(f"written into {file}")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
@@ -124,14 +125,16 @@ def run(options: argparse.Namespace) -> None:
 
 def episode(chosen: Chosen, seed: int) -> Iterator[ViewerFrame]:
     """Play an episode and show every step; the policy sees what it always sees."""
-    plain: Any = gym.make(chosen.env_id, **chosen.settings).unwrapped
-    names, skin = [name for name, _ in plain.channels()], plain.skin()
+    with contextlib.closing(gym.make(chosen.env_id, **chosen.settings)) as made:
+        plain: Any = made.unwrapped
+        names, skin = [name for name, _ in plain.channels()], plain.skin()
+        rewards = plain._batch.reward_terms()
     more = [name for name in (_SEEN if skin else _SEEN[:1]) if name not in names]
     settings = chosen.settings | {"observation": names + more, "obs": "dict"}
     env = gym.make(chosen.env_id, **settings)
     observation, _ = env.reset(seed=seed)
     drawn, flat = _Drawn(env.unwrapped, skin, settings), chosen.settings.get("obs") == "flat"
-    terms, task = dict.fromkeys(plain._batch.reward_terms(), 0.0), chosen.env_id.split("/")[-1]
+    terms, task = dict.fromkeys(rewards, 0.0), chosen.env_id.split("/")[-1]
     look, over, state, ending = drawn.look(), False, None, ""
     about = f"{task}, seed {seed}: {look['object']} of {1e3 * look['mass']:.0f} g"
     period = control_period(settings)

@@ -253,7 +253,11 @@ class Custom(Native):
         ended = self._ended_by_task(state, step, restarted)
         step.terms[restarted] = 0.0
         step.terms[np.isin(step.ending, self._failures)] = 0.0
-        step.reward = step.terms @ self._weights
+        # Term by term: a product of matrices may round a row by how many there are.
+        step.reward = sum(
+            (weight * step.terms[:, k] for k, weight in enumerate(self._weights)),
+            start=np.zeros(self._count),
+        )
         seen = self._with_own(whole)
         begun = self._restart(step, seen, ended, restarted)
         step.observation = self._with_own(step.observation) if begun else seen
@@ -277,9 +281,7 @@ class Custom(Native):
             step.ending[new] = self._endings.index(name) + 1
             ended |= new
         step.terminated = step.terminated | ended
-        already = step.truncated & ended
-        step.truncated = step.truncated & ~ended
-        return ended & ~already
+        return ended & ~step.truncated
 
     def _restart(
         self, step: StepArrays, seen: NDArray[np.float32], ended: Bools, restarted: Bools

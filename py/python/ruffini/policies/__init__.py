@@ -147,16 +147,24 @@ def _replaced(old: NDArray[Any], new: NDArray[Any], rows: NDArray[np.bool_]) -> 
 
 
 class RandomPolicy(ScriptedPolicy):
-    """Uniform actions, the same on every run."""
+    """Uniform actions, the same whenever an observation is the same.
+
+    They are drawn from the observation itself, so that an episode that is filmed alone is the one
+    that was counted in a batch.
+    """
 
     def __init__(self, seed: int = 0) -> None:
-        random = np.random.default_rng(seed)
+        def drawn(row: NDArray[Any]) -> NDArray[np.float32]:
+            words = np.frombuffer(np.ascontiguousarray(row, np.float32).tobytes(), np.uint32)
+            return np.random.default_rng([seed, *words]).uniform(-1, 1, 5).astype(np.float32)
 
         def act(observation: Any, state: Any) -> tuple[NDArray[np.float32], Any]:
             channels = observation if isinstance(observation, Mapping) else {"flat": observation}
+            values = np.concatenate([np.asarray(each) for each in channels.values()], axis=-1)
             # Without rows of one environment, and so is its action.
-            rows = np.shape(next(iter(channels.values())))[:-1]
-            return random.uniform(-1, 1, (*rows, 5)).astype(np.float32), state
+            rows = values.reshape(-1, values.shape[-1])
+            actions = np.stack([drawn(row) for row in rows])
+            return actions.reshape(*values.shape[:-1], 5), state
 
         super().__init__(act)
 
