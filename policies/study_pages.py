@@ -28,6 +28,8 @@ CHOSEN_BY_THEM = {
     )
 }
 """What was decided by the seeds that are reported, by environment."""
+FAILURES = "press_failed", "out_of_range", "non_finite", "engine_error"
+"""Endings that no rule of the task has: a computation failed."""
 NAMES = {
     "touch": "default observation",
     "errors": "default observation, with errors of the sensors",
@@ -132,11 +134,15 @@ def ended(by_kind: dict[str, list[dict[str, Any]]]) -> list[str]:
     """Paragraphs on episodes that a failed computation ended, and on such as were judged twice."""
     failed, twice = [], []
     for kind, rows in by_kind.items():
-        some = sum(row["endings"].get("press_failed", 0) for row in rows)
-        if some:
+        some = {name: sum(row["endings"].get(name, 0) for row in rows) for name in FAILURES}
+        if sum(some.values()):
             lost = sum(row["episodes"] - won(row) for row in rows)
             count = sum(row["episodes"] for row in rows)
-            failed.append(f"*{NAMES[kind]}*, {some} of {count:,} ({lost:,} count as lost)")
+            each = ", ".join(f"{number} `{name}`" for name, number in some.items() if number)
+            failed.append(
+                f"*{NAMES[kind]}*, {sum(some.values())} of {count:,}: {each} "
+                f"({lost:,} count as lost)"
+            )
         more = {
             row["seed"]: won(row) + sum(row["endings"].values()) - row["episodes"] for row in rows
         }
@@ -147,8 +153,7 @@ def ended(by_kind: dict[str, list[dict[str, Any]]]) -> list[str]:
     if failed:
         lines += [
             "",
-            "Episodes that ended because a press was not solved (`press_failed`), which is a "
-            f"computation that failed: {'; '.join(failed)}.",
+            f"Episodes that ended because a computation failed: {'; '.join(failed)}.",
         ]
     if twice:
         lines += [
