@@ -1,5 +1,7 @@
 //! Linear elasticity with contact at the nodes, against contact at the points of every face.
 
+use std::f64::consts::{FRAC_PI_4, SQRT_2};
+
 use nalgebra::{Isometry3, Point3, Quaternion, UnitQuaternion, Vector3};
 use ruffini_core::{
     Error,
@@ -228,6 +230,24 @@ fn a_tip_is_not_moved_past_a_wide_face_in_one_load_step() {
     // On the node in the middle it is answered.
     let on_node = force(0.0, 0.0, 0.3).unwrap();
     assert!(on_node > 0.1, "{on_node} N on a node");
+}
+
+#[test]
+fn an_edge_of_a_thick_block_between_nodes_is_refused() {
+    // Nodes are 4 mm apart, and the edge, of 90°, is between two rows of them.
+    let model = coarse_block(GEL, 0.5);
+    let half_extents = Vector3::repeat(10.0 * MM);
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_4);
+    let down_to = |y: f64, depth: f64| {
+        let place = Vector3::new(0.0, y, 10.0 * SQRT_2 - depth) * MM;
+        let at = vec![Isometry3::from_parts(place.into(), turn)];
+        model.settle(&Press::along(vec![Shape::Cuboid { half_extents }], vec![at]).unwrap())
+    };
+    let felt = down_to(0.0, 0.5).unwrap().wrench.force;
+    assert!(felt.z < -0.1, "{felt} N on a row of nodes");
+    assert!(down_to(2.0, 0.05).is_ok_and(|found| found.wrench.force.norm() == 0.0));
+    let error = down_to(2.0, 1.5).unwrap_err();
+    assert!(matches!(error, Error::Penetrated { .. }), "{error}");
 }
 
 #[test]

@@ -22,6 +22,10 @@ pub(super) const FELT: f64 = 0.25;
 /// side.
 const SPACING: (f64, u32) = (0.5, 64);
 
+/// Fewest intervals along a side where a shape touches no node: an edge may be all that is in the
+/// triangle, however thick the shape is.
+const PIECES_UNFELT: u32 = 8;
+
 /// Triangle of contact nodes.
 pub(super) struct ContactTriangle {
     corners: [u32; 3],
@@ -69,7 +73,8 @@ impl ContactTriangle {
         let unfelt = f64::min(UNFELT.0 * thickness, UNFELT.1);
         let allowed = if felt { FELT * thickness } else { unfelt };
         let pieces = (self.longest / (SPACING.0 * thickness)).ceil() as u32;
-        let places = lattice(pieces.clamp(2, SPACING.1));
+        let fewest = if felt { 2 } else { PIECES_UNFELT };
+        let places = lattice(pieces.clamp(fewest, SPACING.1));
         let depth = places.map(|weights| -gap(&Point3::from(weighted(&moved, &weights))));
         let deepest = depth.fold(0.0, f64::max);
         (deepest > allowed).then_some([deepest, allowed])

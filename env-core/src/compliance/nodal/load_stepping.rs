@@ -133,6 +133,9 @@ impl<'a> NodalLoadStepping<'a> {
                 FrameDrive::Poses(poses) => self.follow(poses)?,
                 FrameDrive::Force { force, direction } => push(&mut self, force, direction)?,
             }
+            // A thick shape touches a node before it is through, but not before it is deep.
+            let all_if_unfelt = |felt| if felt { &[][..] } else { &self.levels[0].faces };
+            self.check_between(&self.state, all_if_unfelt)?;
             Ok(self.settled(start.elapsed().as_secs_f64()))
         })
     }
@@ -359,8 +362,9 @@ impl<'a> NodalLoadStepping<'a> {
                 if most.is_some_and(|most| state.held.len() > most) {
                     return Ok(None);
                 }
-                let checked = self.check_between(&state).and_then(|()| self.check_inside(&state));
-                return checked.map(|()| Some(state));
+                self.check_between(&state, |_| self.watched)?;
+                self.check_inside(&state)?;
+                return Ok(Some(state));
             }
             room = 2.0 * state.amplitude;
         }
@@ -424,14 +428,19 @@ impl<'a> NodalLoadStepping<'a> {
         Ok(())
     }
 
-    /// Returns an error if a shape penetrates too deeply between nodes.
-    fn check_between(&self, state: &NodalState) -> Result<()> {
+    /// Returns an error if a shape penetrates too deeply between nodes, in one of the `faces` of a
+    /// shape that is felt, or is not.
+    fn check_between<'b>(
+        &self,
+        state: &NodalState,
+        faces: impl Fn(bool) -> &'b [ContactTriangle],
+    ) -> Result<()> {
         let displacement =
             LazyCell::new(|| self.levels[state.level].displacement(&forces(&state.held)));
         let displaced = |rank: u32| displacement[rank as usize];
         for (s, (shape, pose)) in (0..).zip(self.shapes.iter().zip(&state.poses)) {
             let felt = state.held.iter().any(|held| held.shape == s);
-            for face in self.watched {
+            for face in faces(felt) {
                 let standing = Standing { shape, pose, felt };
                 let found = face.penetrated(standing, state.amplitude, displaced);
                 if let Some([depth, most]) = found {
